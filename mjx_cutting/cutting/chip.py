@@ -1,0 +1,117 @@
+"""Chip thickness under each edge, with carry-over of the surface that earlier teeth left.
+
+Tooth j at angle th on radius R + r_j removes what the teeth before it left standing:
+
+    h_j = max(0, min over m = 1..N of [ (advance since tooth j-m passed th) sin th + r_j - r_{j-m} ])
+
+The advance is feed per revolution times the angle between the two teeth over 2 pi. With equal teeth this is
+the textbook c sin th (Martellotti 1941, circular path: valid while the feed per tooth is small against R). A
+tooth whose bracket is negative does not touch the sheet, so it rubs nothing either. Without carry-over a saw
+with small chips would remove more than is fed.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from mjx_cutting.cutting.cut import Cut
+from mjx_cutting.cutting.engagement import inside
+from mjx_cutting.cutting.tool import Tool
+
+_CONTACT_SHARE = 0.02
+_CONTACT_M = 1e-12
+
+
+class Cutter(NamedTuple):
+    """Geometry of the teeth as the chip stage sees it.
+
+    Fields:
+        lag_rad: [N] angle of each tooth behind tooth 0, rad, increasing.
+        radius_m: [N] deviation of each tooth's radius from the nominal, m.
+        helix_rad: [] helix angle of the edges, rad.
+        slices: axial slices per edge (static).
+        even: True while all teeth are alike and evenly spaced (static: it saves the comparison over m).
+    """
+
+    lag_rad: Array
+    radius_m: Array
+    helix_rad: Array
+    slices: int
+    even: bool
+
+    def gap_rad(self) -> Array:
+        """[N] angle between each tooth and the one before it, rad."""
+        gap = self.lag_rad - jnp.roll(self.lag_rad, 1)
+        return gap.at[0].add(2.0 * jnp.pi)
+
+
+class Chip(NamedTuple):
+    """Chip under each edge element; the last two axes are axial slice S and tooth N.
+
+    Fields:
+        angle_rad: [..., S, N] angle of the edge element, rad.
+        thickness_m: [..., S, N] uncut chip thickness h >= 0, m.
+        contact: [..., S, N] share of the angle step in which the element touches the sheet, 0 to 1.
+        width_m: [..., 1, 1] width of cut of one element, m.
+    """
+
+    angle_rad: Array
+    thickness_m: Array
+    contact: Array
+    width_m: Array
+
+
+def nominal_cutter(tool: Tool) -> Cutter:
+    """The teeth as drawn: evenly spaced and equally long."""
+    return Cutter(tool.pitch_rad, jnp.zeros(tool.teeth), jnp.asarray(tool.helix_rad), tool.slices, even=True)
+
+
+def chip_under(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
+    """Chip thickness and contact of every edge element of a mill or saw, [..., S, N]."""
+    angle, width_m, height_lag = _edge_angles(cutter, cut, tool)
+    sine = jnp.sin(angle)
+    feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
+    if cutter.even:
+        bare = feed_m / tool.teeth * sine
+    else:
+        bare = carried_over(cutter, feed_m, sine)
+    gate = jnp.maximum(jnp.asarray(cut.gate_rad)[..., None, None], jnp.abs(height_lag) / cutter.slices)
+    contact = inside(
+        angle, jnp.asarray(cut.entry_rad)[..., None, None], jnp.asarray(cut.exit_rad)[..., None, None], gate
+    )
+    if not cutter.even:
+        ramp = _CONTACT_SHARE * feed_m / tool.teeth + _CONTACT_M
+        contact = contact * jnp.clip(0.5 + bare / ramp, 0.0, 1.0)
+    return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
+
+
+def touching(bare_m: Array, feed_per_tooth_m: Array) -> Array:
+    """[...] share of contact of an element of unclipped chip thickness `bare_m`: 0 once it runs idle."""
+    ramp = _CONTACT_SHARE * feed_per_tooth_m + _CONTACT_M
+    return jnp.clip(1.0 + bare_m / ramp, 0.0, 1.0)
+
+
+def _edge_angles(cutter: Cutter, cut: Cut, tool: Tool) -> tuple[Array, Array, Array]:
+    """Angles [..., S, N], width of one element [..., 1, 1] and the lag of the whole edge [..., 1, 1]."""
+    width = jnp.asarray(cut.axial_width_m)[..., None, None]
+    lag = 2.0 * width * jnp.tan(cutter.helix_rad) / jnp.asarray(tool.diameter_m)
+    share = ((jnp.arange(cutter.slices) + 0.5) / cutter.slices)[:, None]
+    angle = jnp.asarray(cut.angle_rad)[..., None, None] - cutter.lag_rad - lag * share
+    return angle, width / cutter.slices, lag
+
+
+def carried_over(cutter: Cutter, feed_m: Array, sine: Array) -> Array:
+    """min over m of advance x sine + r_j - r_{j-m}, [..., S, N]; the loop over m is unrolled."""
+    teeth = cutter.lag_rad.shape[0]
+    bare = None
+    for m in range(1, teeth + 1):
+        apart = cutter.lag_rad - jnp.roll(cutter.lag_rad, m)
+        apart = jnp.where(jnp.arange(teeth) < m, apart + 2.0 * jnp.pi, apart)
+        step = cutter.radius_m - jnp.roll(cutter.radius_m, m)
+        left = feed_m * (apart / (2.0 * jnp.pi)) * sine + step
+        bare = left if bare is None else jnp.minimum(bare, left)
+    assert bare is not None
+    return bare

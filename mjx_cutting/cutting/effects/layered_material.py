@@ -1,0 +1,67 @@
+"""Layered material: the force steps where the path crosses into another layer, an inclusion or a void.
+
+k -> k (1 + change) for positions between start and start + length, with the borders smoothed over a tenth of
+a millimetre. For several layers give the model several of these. Signature: one-sided steps at fixed
+positions, heavy tails. Confused with the entry into the sheet, which is elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting.chip import Chip
+from mjx_cutting.cutting.cut import Cut
+from mjx_cutting.cutting.effects.abstract import AbstractEffect, EdgeForce, Parameter
+from mjx_cutting.cutting.effects.registry import register
+from mjx_cutting.cutting.tool import Tool
+
+if TYPE_CHECKING:
+    from mjx_cutting.cutting.model import ForceModel
+
+_BORDER_M = 1e-4
+
+
+@register
+class LayeredMaterial(AbstractEffect):
+    """One layer across the path.
+
+    Fields: `change` [] relative change of all constants inside, -1 for a void; `start_m`, `length_m` [] where
+    it begins along the path and how long it is, m.
+    """
+
+    name = "layered_material"
+    stage = "edge"
+    strength = "change"
+    parameters = {
+        "change": Parameter("1", -1.05, 5.0, 0.0, 0.5, source="-1 is a void"),
+        "start_m": Parameter("m", -1.0, 10.0, None, 0.0),
+        "length_m": Parameter("m", 1e-4, 10.0, None, 0.02, log=True),
+    }
+    steady = False
+    signature = "one-sided steps at fixed positions"
+    confused_with = {"entry_exit": "entry is at the end of the sheet"}
+
+    change: ArrayLike
+    start_m: ArrayLike
+    length_m: ArrayLike
+
+    def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
+        since = jnp.asarray(cut.position_m) - self.start_m
+        within = jnp.minimum(since, jnp.asarray(self.length_m) - since)
+        factor = (1.0 + self.change * jnp.clip(0.5 + within / _BORDER_M, 0.0, 1.0))[..., None, None, None]
+        return EdgeForce(force.chip * factor, force.edge * factor)
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> LayeredMaterial:
+        """Coordinates: change in units of 0.5, start in units of 10 mm, log(length / 20 mm)."""
+        change, start, length = coordinates
+        return cls(0.5 * change, 1e-2 * start, 2e-2 * jnp.exp(length))
+
+    @classmethod
+    def starts(cls, tool: Tool) -> np.ndarray:
+        return np.asarray([[0.3, float(start), 0.0] for start in (0, 2, 5, 10)])

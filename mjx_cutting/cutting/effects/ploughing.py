@@ -1,0 +1,59 @@
+"""Ploughing: below a minimum chip thickness the edge pushes material aside instead of shearing it.
+
+f = b [q k_c min(h, h_min) + k_c max(h - h_min, 0)]: the stiffness is q k_c up to h_min, k_c beyond. Waldorf,
+DeVor and Kapoor, J. Manufacturing Science and Engineering 120 (1998) 693-699; h_min is 0.2 to 0.4 of the edge
+radius. Signature: extra force at entry and exit and at low feed; at high feed it is an edge constant.
+Confused with wear, which a sharp edge does not show, and with the size effect, which never levels off.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting.chip import Chip
+from mjx_cutting.cutting.cut import Cut
+from mjx_cutting.cutting.effects.abstract import AbstractEffect, EdgeForce, Parameter
+from mjx_cutting.cutting.effects.registry import register
+from mjx_cutting.cutting.tool import Tool
+
+if TYPE_CHECKING:
+    from mjx_cutting.cutting.model import ForceModel
+
+_THINNEST_M = 1e-10
+
+
+@register
+class Ploughing(AbstractEffect):
+    """A stiffer force law below the minimum chip thickness.
+
+    Fields: `minimum_chip_m` [] h_min, m; `ratio` [] q, stiffness below h_min over that above it.
+    """
+
+    name = "ploughing"
+    stage = "edge"
+    strength = "minimum_chip_m"
+    parameters = {
+        "minimum_chip_m": Parameter("m", 0.0, 2e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-50 um"),
+        "ratio": Parameter("1", 1.05, 20.0, None, 3.0, log=True, source="working knowledge"),
+    }
+    signature = "extra force at entry, exit and low feed that levels off with feed"
+    confused_with = {
+        "flank_wear": "ploughing is there while the tool is sharp",
+        "size_effect": "the size effect goes on bending at high feed; a feed range of 10:1 separates them",
+    }
+
+    minimum_chip_m: ArrayLike
+    ratio: ArrayLike
+
+    def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
+        ploughed = jnp.minimum(1.0, self.minimum_chip_m / jnp.maximum(chip.thickness_m, _THINNEST_M))
+        more = 1.0 + (jnp.asarray(self.ratio) - 1.0) * ploughed
+        return force._replace(chip=force.chip * more[..., None])
+
+    @classmethod
+    def starts(cls, tool: Tool) -> np.ndarray:
+        return np.asarray([[0.5, 0.0], [3.0, 0.0]])

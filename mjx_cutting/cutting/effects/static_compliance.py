@@ -1,0 +1,91 @@
+"""Static compliance: the mean force pushes the tool out of the sheet, so it cuts less deep than commanded.
+
+a = max(0, a_cmd + F_y(a) / K), F_y the mean force along the normal (away from the sheet below zero), solved
+for the arc by Newton's method; slopes follow from the implicit function theorem. In a full slot the
+deflection shifts the slot and leaves the engagement. K: impedance control 0.0005-0.02 N/um, cobot 0.02-0.1,
+robot 0.1-1. Signature: force concave in load, slow entry, dependent on pose. Confused with the size effect:
+change the depth. The simulation's robot deflects by itself: give it this effect only for compliance it does
+not have. A force that pulls in deepens the cut, at worst to a full slot. It takes the mean over a
+revolution, so it breaks where single teeth move the tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting.average import mean_load
+from mjx_cutting.cutting.cut import Cut
+from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
+from mjx_cutting.cutting.effects.registry import register
+from mjx_cutting.cutting.tool import Tool
+
+if TYPE_CHECKING:
+    from mjx_cutting.cutting.model import ForceModel
+
+_NEWTON = 6
+_FULL = 1e-4
+
+
+@register
+class StaticCompliance(AbstractEffect):
+    """Deflection along the normal under the mean force.
+
+    Fields: `compliance_m_n` [] 1 / K, m/N; 0 is rigid.
+    """
+
+    name = "static_compliance"
+    stage = "structure"
+    strength = "compliance_m_n"
+    parameters = {
+        "compliance_m_n": Parameter("m/N", 0.0, 2e-3, 0.0, 1e-5, source="K = 0.0005-1 N/um"),
+    }
+    signature = "force concave in load, slow entry, dependent on pose"
+    confused_with = {"size_effect": "a sweep of depth bends the law of a compliant structure only"}
+
+    compliance_m_n: ArrayLike
+
+    def engage(self, cut: Cut, force: Callable[[Cut], Array], model: ForceModel) -> Cut:
+        radius = 0.5 * jnp.asarray(model.tool.diameter_m)
+        entry, exit_ = jnp.asarray(cut.entry_rad), jnp.asarray(cut.exit_rad)
+        climb = entry > _FULL
+        slot = exit_ - entry > jnp.pi - _FULL
+        commanded = jnp.asarray(cut.radial_depth_m)
+        away = jnp.where(climb, -1.0, 1.0)
+
+        def with_arc(swept: Array) -> Cut:
+            return cut.replace(
+                entry_rad=jnp.where(climb, jnp.pi - swept, 0.0),
+                exit_rad=jnp.where(climb, jnp.pi, swept),
+                radial_depth_m=radius * (1.0 - jnp.cos(swept)),
+            )
+
+        def excess(swept: Array) -> Array:
+            push = away * mean_load(model, with_arc(swept)).force[..., 1]
+            return radius * (1.0 - jnp.cos(swept)) - commanded - self.compliance_m_n * push
+
+        swept = jnp.clip(exit_ - entry, 1e-6, jnp.pi - _FULL)
+        for _ in range(_NEWTON):
+            over, slope = jax.jvp(excess, (swept,), (jnp.ones_like(swept),))
+            step = over / jnp.maximum(slope, 1e-12)
+            swept = jnp.clip(swept - step, 0.2 * swept, jnp.pi - _FULL)
+        swept = jax.lax.stop_gradient(swept)
+        over, slope = jax.jvp(excess, (swept,), (jnp.ones_like(swept),))
+        swept = swept - over / jax.lax.stop_gradient(jnp.maximum(slope, 1e-12))
+        swept = jnp.where(commanded > 0.0, jnp.maximum(swept, 0.0), 0.0)
+        bent = with_arc(swept)
+        return jax.tree.map(lambda old, new: jnp.where(slot, old, new), cut, bent)
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 0 if tool.kind in ("drill", "turning") else 1
+
+    @classmethod
+    def starts(cls, tool: Tool) -> np.ndarray:
+        return np.asarray([[0.3], [10.0]])

@@ -1,0 +1,1 @@
+"""What a policy is worth: rollouts by domain, the paper's measures, statistics and figures."""

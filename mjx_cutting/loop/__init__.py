@@ -1,0 +1,1 @@
+"""The whole loop: measured trials, traced effect, simulation, expert, disturbance, adaptation, export."""

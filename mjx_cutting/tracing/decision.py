@@ -1,0 +1,162 @@
+"""When an effect may be named: tests that a candidate must pass, each with its figure.
+
+1. chance: the drop in the weighted squared error, as an F test with as many tries as there are candidates
+   and starts (Bonferroni). A coherent model error of `TOLERANCE` of the force counts as noise, because no
+   simulator's own discretisation is finer and a chi-square alone names an effect in clean data.
+2. held out: the error on unseen trials falls by at least `LEAST_GAIN` of itself, by `TOLERANCE` of the force
+   (root mean square) and by two standard errors over trials.
+3. interval: the strength's interval excludes the value at which the effect vanishes.
+4. range: every parameter lies inside its physical range, not at the edge of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.heldout import HeldOut
+
+CHANCE = 0.01
+LEAST_GAIN = 0.02
+STANDARD_ERRORS = 2.0
+TOLERANCE = 0.003
+CONFIDENCE = 0.95
+_EDGE = 0.01
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter with its interval, in `unit`; for one value a tooth, the tooth of the largest deviation."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether a candidate is accepted; `reasons` says why not, one entry a failed test."""
+
+    accepted: bool
+    p_chance: float
+    gain: float
+    gain_standard_error: float
+    parameters: dict[str, Interval]
+    reasons: tuple[str, ...]
+
+
+def chance(drop: float, added: int, spread: float, floor: float, freedom: int, tries: int) -> float:
+    """Probability that the best of `tries` useless candidates lowers the squared error by `drop`.
+
+    Arguments:
+        drop: fall of the sum of squared weighted residuals.
+        added: unknowns the candidate adds.
+        spread: residual standard deviation per degree of freedom with the candidate in.
+        floor: least standard deviation believed, from the tolerated model error.
+        freedom: degrees of freedom left.
+        tries: candidates times starts.
+    """
+    variance = max(spread, floor) ** 2
+    statistic = max(drop, 0.0) / max(added, 1) / max(variance, 1e-300)
+    return float(min(1.0, tries * stats.f.sf(statistic, max(added, 1), max(freedom, 1))))
+
+
+def gain_over_trials(before: HeldOut, after: HeldOut) -> tuple[float, float]:
+    """Fall of the heldout NRMSE and its standard error, by a jackknife over trials."""
+    gain = before.nrmse - after.nrmse
+    count = len(before.energy_n2)
+    if count < 3:
+        return gain, float("nan")
+    total = before.energy_n2.sum()
+    parts = []
+    for trial in range(count):
+        rest = total - before.energy_n2[trial].sum()
+        old = np.sqrt((before.error_n2.sum() - before.error_n2[trial].sum()) / rest)
+        new = np.sqrt((after.error_n2.sum() - after.error_n2[trial].sum()) / rest)
+        parts.append(old - new)
+    spread = np.sqrt((count - 1) / count * np.sum((np.asarray(parts) - np.mean(parts)) ** 2))
+    return gain, float(spread)
+
+
+def interval(
+    kind: type[AbstractEffect], name: str, whole: Any, by_fold: Any, laplace: float = 0.0
+) -> Interval:
+    """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
+    wider.
+
+    Arguments:
+        whole: [] or [N] value fitted on all trials.
+        by_fold: [F] or [F, N] values of the folds.
+        laplace: standard error by curvature.
+    """
+    unit = kind.parameters[name].unit
+    value = np.atleast_1d(np.asarray(whole, dtype=float))
+    values = np.asarray(by_fold, dtype=float).reshape(len(by_fold), -1)
+    folds = len(values)
+    if unit == "rad" and not kind.parameters[name].per_tooth:
+        values = value + np.angle(np.exp(1j * (values - value)))
+    spread = np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
+    error = np.maximum(spread, laplace)
+    tooth = int(np.argmax(np.abs(value)))
+    half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * error[tooth])
+    return Interval(float(value[tooth]), float(value[tooth]) - half, float(value[tooth]) + half, unit)
+
+
+def decide(
+    kind: type[AbstractEffect],
+    before: HeldOut,
+    after: HeldOut,
+    p_chance: float,
+    parameters: dict[str, Interval],
+) -> Decision:
+    """Apply the four tests."""
+    gain, error = gain_over_trials(before, after)
+    reasons = []
+    if p_chance > CHANCE:
+        reasons.append(
+            f"chance alone gives the best candidate as much (p = {p_chance:.2g}, limit {CHANCE:g})"
+        )
+    if gain < LEAST_GAIN * before.nrmse:
+        reasons.append(
+            f"error on held-out trials goes from {before.nrmse:.4f} to {after.nrmse:.4f}; "
+            f"a fall of at least {LEAST_GAIN:.0%} is asked"
+        )
+    elif _accounted(before, after) < TOLERANCE:
+        reasons.append(
+            f"accounts for {_accounted(before, after):.2%} of the force, less than the {TOLERANCE:.1%} "
+            "that any model's own calculation may be off"
+        )
+    elif np.isfinite(error) and gain < STANDARD_ERRORS * error:
+        reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
+    strength = kind.parameters[kind.strength]
+    found = parameters[kind.strength]
+    if strength.identity is not None and found.low <= strength.identity <= found.high:
+        reasons.append(
+            f"{kind.strength} {found.low:.3g} to {found.high:.3g} {found.unit} includes "
+            f"{strength.identity:g}, no effect"
+        )
+    for name, each in parameters.items():
+        declared = kind.parameters[name]
+        if declared.identity is None and declared.typical == 0.0:
+            continue
+        margin = _EDGE * (declared.high - declared.low)
+        beyond_high = each.value > declared.high - margin
+        beyond_low = each.value < declared.low + (margin if declared.identity != declared.low else -margin)
+        if beyond_high or beyond_low:
+            reasons.append(
+                f"{name} runs to {each.value:.3g} {each.unit}, the edge of its physical range "
+                f"{declared.low:g} to {declared.high:g}"
+            )
+    return Decision(not reasons, p_chance, gain, error, parameters, tuple(reasons))
+
+
+def _accounted(before: HeldOut, after: HeldOut) -> float:
+    """Root-mean-square of what the candidate explains on held-out trials, over that of the force."""
+    return float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, 0.0)))

@@ -1,0 +1,188 @@
+"""What a residual still depends on: tests of independence against every covariate at hand.
+
+A simulator's residual need not be white, but it must not depend on what the simulator knows. Within a trial
+the residual is tested for lines at spindle orders (tooth passing apart), for drift along the trial, for
+memory and for a tie between axes; across trials its size is tested against feed, speed, depth, cut length and
+clock time by Spearman's rank correlation with permutations, because trials, not samples, are the independent
+units. `share` is the part of the residual's energy that goes with the covariate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.tracing.lines import basis
+from mjx_cutting.tracing.prediction import Prediction
+from mjx_cutting.trials.dataset import Dataset
+
+Array = NDArray[np.float64]
+SIGNIFICANT = 0.001
+NOTICEABLE = 0.02
+_SLOW_TERMS = 6
+_PERMUTATIONS = 4000
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """One covariate: p value, share of the residual's energy that goes with it, and what to look for."""
+
+    covariate: str
+    p_value: float
+    share: float
+    look_for: str
+
+    @property
+    def found(self) -> bool:
+        """True where it is beyond chance and large enough to matter."""
+        return self.p_value < SIGNIFICANT and self.share > NOTICEABLE
+
+
+_LOOK_FOR = {
+    "spindle order": "something that repeats once per revolution: runout, pitch, a damaged tooth, unbalance",
+    "tooth phase": "the force under a tooth: edge law, engagement, a filter or resonance on tooth passing",
+    "time in trial": "drift or change along the path: entry and exit, wear, heating, a layered sheet",
+    "feed": "an edge law that is not linear in chip thickness",
+    "spindle speed": "a response in Hz (structure, sensor) or a law that depends on cutting speed",
+    "radial depth": "compliance, friction on the engaged area, clogging",
+    "cut length": "flank wear",
+    "clock time": "thermal drift of the sensor",
+    "previous force": "memory or a line at a fixed frequency: a mode of the structure, mains pickup, chatter",
+    "another axis": "crosstalk of the sensor or forces turned between the axes",
+}
+
+
+def dependences(
+    dataset: Dataset, predictions: Sequence[Prediction], teeth: int, orders: int
+) -> tuple[Dependence, ...]:
+    """All tests on the residuals of a dataset's cut trials, the strongest first."""
+    band = _independent_share(dataset, predictions)
+    found = [*_periodic(predictions, teeth, orders, band), _slow(predictions, band)]
+    found += [_memory(predictions, orders, band), _axes(predictions, band)]
+    found += _across(dataset, predictions)
+    return tuple(sorted(found, key=lambda each: (each.p_value, -each.share)))
+
+
+def _entry(covariate: str, p_value: float, share: float) -> Dependence:
+    return Dependence(covariate, float(p_value), float(np.clip(share, 0.0, 1.0)), _LOOK_FOR[covariate])
+
+
+def _independent_share(dataset: Dataset, predictions: Sequence[Prediction]) -> float:
+    """Independent samples per sample: a band-limited record has 2 B of them a second."""
+    energy = np.mean(
+        [np.abs(np.fft.rfft(p.residual_n - p.residual_n.mean(axis=0), axis=0)) ** 2 for p in predictions[:1]],
+        axis=0,
+    )
+    spectrum = energy.sum(axis=1)
+    return float(np.clip(np.mean(spectrum > 1e-9 * spectrum.max()), 1e-3, 1.0))
+
+
+def _periodic(predictions: Sequence[Prediction], teeth: int, orders: int, band: float) -> list[Dependence]:
+    """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between."""
+    order = np.repeat(np.arange(1, orders + 1), 2)
+    passing = (order % teeth) == 0
+    energy, line, whole, freedom, count = np.zeros(2), np.zeros(2), 0.0, 0.0, np.zeros(2)
+    for each in predictions:
+        left = each.residual_n - each.residual_n.mean(axis=0)
+        columns = basis(each.angle_rad, orders)[:, 1:]
+        weights, *_ = np.linalg.lstsq(columns, left, rcond=1e-9)
+        explained = np.array(
+            [np.sum((columns[:, mask] @ weights[mask]) ** 2) for mask in (passing, ~passing)]
+        )
+        line += explained
+        count += 3 * np.array([passing.sum(), (~passing).sum()])
+        between = np.sum((left - columns @ weights) ** 2)
+        energy += between
+        whole += np.sum(left**2)
+        freedom += max(3 * (band * len(left) - columns.shape[1]), 1.0)
+    results = []
+    for index, name in enumerate(("tooth phase", "spindle order")):
+        if count[index] == 0 or whole == 0:
+            continue
+        statistic = (line[index] / count[index]) / max(energy[index] / freedom, 1e-300)
+        results.append(_entry(name, stats.f.sf(statistic, count[index], freedom), line[index] / whole))
+    return results
+
+
+def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
+    """A slow curve along each trial: the mean and the size of the residual against time."""
+    line, whole, between, freedom, count = 0.0, 0.0, 0.0, 0.0, 0
+    for each in predictions:
+        left = each.residual_n - each.residual_n.mean(axis=0)
+        u = 2.0 * (each.time_s - each.time_s[0]) / (each.time_s[-1] - each.time_s[0]) - 1.0
+        columns = np.polynomial.chebyshev.chebvander(u, _SLOW_TERMS)[:, 1:]
+        weights, *_ = np.linalg.lstsq(columns, left, rcond=None)
+        explained = float(np.sum((columns @ weights) ** 2))
+        line, whole = line + explained, whole + float(np.sum(left**2))
+        between += float(np.sum(left**2)) - explained
+        freedom += 3 * max(band * len(left) - _SLOW_TERMS, 1.0)
+        count += 3 * _SLOW_TERMS
+    statistic = (line / count) / max(between / freedom, 1e-300)
+    return _entry("time in trial", stats.f.sf(statistic, count, freedom), line / max(whole, 1e-300))
+
+
+def _memory(predictions: Sequence[Prediction], orders: int, band: float) -> Dependence:
+    """Correlation, one independent sample apart, of what lies between the spindle's lines."""
+    lag = max(1, round(1.0 / band))
+    product, between, whole, count = 0.0, 0.0, 0.0, 0
+    for each in predictions:
+        left = each.residual_n - each.residual_n.mean(axis=0)
+        columns = basis(each.angle_rad, orders)
+        weights, *_ = np.linalg.lstsq(columns, left, rcond=1e-9)
+        rest = left - columns @ weights
+        product += float(np.sum(rest[lag:] * rest[:-lag]))
+        between += float(np.sum(rest**2))
+        whole += float(np.sum(left**2))
+        count += int(3 * band * len(left))
+    correlation = product / max(between, 1e-300)
+    share = correlation**2 * between / max(whole, 1e-300)
+    return _entry("previous force", 2.0 * stats.norm.sf(abs(correlation) * np.sqrt(count)), share)
+
+
+def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
+    """Largest correlation between the residuals of two axes."""
+    left = np.concatenate([each.residual_n - each.residual_n.mean(axis=0) for each in predictions])
+    scale = np.sqrt(np.maximum(np.sum(left**2, axis=0), 1e-300))
+    correlation = (left.T @ left) / np.outer(scale, scale)
+    strongest = float(np.max(np.abs(correlation - np.diag(np.diag(correlation)))))
+    p_value = min(1.0, 3.0 * 2.0 * stats.norm.sf(strongest * np.sqrt(band * len(left))))
+    return _entry("another axis", p_value, strongest**2)
+
+
+def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Dependence]:
+    """Size of each trial's residual, relative to its force, against the trial's conditions."""
+    trials = {trial.file: trial for trial in dataset.trials}
+    size = np.array([_relative(each) for each in predictions])
+    covariates = {
+        "feed": [trials[p.file].feed_speed_m_s for p in predictions],
+        "spindle speed": [trials[p.file].spindle_speed_rev_s for p in predictions],
+        "radial depth": [trials[p.file].radial_depth_m for p in predictions],
+        "cut length": [trials[p.file].cut_length_before_m for p in predictions],
+        "clock time": [trials[p.file].clock_start_s for p in predictions],
+    }
+    results = []
+    for name, values in covariates.items():
+        if len(set(values)) < 3 or len(size) < 4 or np.ptp(size) == 0.0:
+            continue
+        rank = stats.spearmanr(values, size).statistic
+        shuffled = _shuffled_ranks(np.asarray(values), size)
+        p_value = (1 + np.sum(np.abs(shuffled) >= abs(rank) - 1e-12)) / (1 + len(shuffled))
+        results.append(_entry(name, p_value, rank**2))
+    return results
+
+
+def _relative(each: Prediction) -> float:
+    return float(np.sqrt(np.sum(each.residual_n**2) / max(float(np.sum(each.measured_n**2)), 1e-300)))
+
+
+def _shuffled_ranks(values: Array, size: Array) -> Array:
+    """Rank correlations under random pairings, from a fixed seed."""
+    generator = np.random.default_rng(0)
+    first, second = stats.rankdata(values), stats.rankdata(size)
+    first, second = first - first.mean(), second - second.mean()
+    norm = np.sqrt(np.sum(first**2) * np.sum(second**2))
+    return np.array([first @ generator.permutation(second) for _ in range(_PERMUTATIONS)]) / norm

@@ -1,0 +1,134 @@
+"""Least-squares fits of a force model to the lines of all trials, or of all but some, from several starts.
+
+Levenberg-Marquardt of optimistix on the reduced residual of `problem`, vmapped over starts and over sets of
+trials; in float64. Physical ranges are kept by a stiff penalty outside them. A fit that does not converge is
+a value (`ok` False), never an exception.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jax import Array
+
+from mjx_cutting.cutting import AbstractEffect, ForceModel
+from mjx_cutting.tracing.problem import CONSTANTS, Problem, model_at, out_of_range, rescaled, residual
+
+Effects = tuple[type[AbstractEffect], ...]
+_TOLERANCE = 1e-4
+_STEPS = 40
+_ROWS = 8
+_STIFFNESS = 1e3
+_DAMPING_OF_UNKNOWNS = 1e-3
+
+
+class Fit(eqx.Module):
+    """A fitted model; a leading axis [F] where several fits were made.
+
+    Fields:
+        x: [U] global unknowns.
+        cost: [] half the sum of squared weighted residuals over the trials used, and of the penalties.
+        squares: [] sum of squared weighted residuals over the trials used.
+        error_n2: [R, 3] squared error on the lines of EVERY trial, its own phase and bias fitted, N^2.
+        model: the force model at `x`.
+        ok: [] True where the result is finite.
+    """
+
+    x: Array
+    cost: Array
+    squares: Array
+    error_n2: Array
+    model: ForceModel
+    ok: Array
+
+
+def fit(problem: Problem, effects: Effects, starts: np.ndarray[Any, Any]) -> Fit:
+    """The best fit to all trials over the starts [n, U]."""
+    tries = _fit_rows(problem, effects, starts, np.ones((len(starts), problem.trials)))
+    best = int(np.argmin(np.where(tries.ok, tries.cost, np.inf)))
+    return jax.tree.map(lambda leaf: leaf[best], tries)
+
+
+def refit(problem: Problem, effects: Effects, start: Array, use: np.ndarray[Any, Any]) -> Fit:
+    """One fit a row of `use` [F, R] (1: used, 0: held out), all from one start; fields gain an axis F."""
+    return _fit_rows(problem, effects, np.tile(np.asarray(start), (len(use), 1)), use)
+
+
+def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
+    """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force."""
+    rows = [
+        [1.0, radial, 0.2 * sign, edge, radial * edge, 0.1 * edge * sign]
+        for radial in (0.15, 0.5)
+        for edge in (0.1, 1.0)
+        for sign in (-1.0, 1.0)
+    ]
+    bias = [0.0] * (3 if problem.shared_bias else 0)
+    return np.asarray([row + bias for row in rows])
+
+
+def effect_starts(problem: Problem, kind: type[AbstractEffect], before: Array) -> np.ndarray[Any, Any]:
+    """[n, U] starts of a model with one effect more, from the unknowns of the model without it."""
+    return np.asarray([np.concatenate([before, start]) for start in kind.starts(problem.tool)])
+
+
+def freedom(problem: Problem, found: Fit) -> int:
+    """Degrees of freedom a fit to all trials leaves: numbers measured less unknowns and phases."""
+    return max(lines_measured(problem) - len(found.x) - problem.trials, 1)
+
+
+def spread(problem: Problem, found: Fit) -> float:
+    """Root mean square of the weighted residual per degree of freedom: 1 where the weights are right."""
+    return float(np.sqrt(found.squares / freedom(problem, found)))
+
+
+def lines_measured(problem: Problem) -> int:
+    """Real numbers a fit is made to: present lines times axes, less the free biases."""
+    free = 0 if problem.shared_bias else 3 * problem.trials
+    return 3 * int(np.asarray(problem.present).sum()) - free
+
+
+def reweighted(problem: Problem, found: Fit) -> Problem:
+    """The problem with its standard deviations set to what a fit to all trials leaves."""
+    return rescaled(problem, max(spread(problem, found), 1e-3))
+
+
+def _fit_rows(
+    problem: Problem, effects: Effects, starts: np.ndarray[Any, Any], use: np.ndarray[Any, Any]
+) -> Fit:
+    """Fits in batches of one size, so that one compilation serves starts and held-out sets alike."""
+    parts = []
+    for first in range(0, len(starts), _ROWS):
+        chosen = np.minimum(np.arange(first, first + _ROWS), len(starts) - 1)
+        parts.append(_fit_batch(problem, effects, jnp.asarray(starts[chosen]), jnp.asarray(use[chosen])))
+    whole = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves]), *parts)
+    return jax.tree.map(lambda leaf: leaf[: len(starts)], whole)
+
+
+@partial(jax.jit, static_argnums=1)
+def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) -> Fit:
+    solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
+
+    def misfit(x: Array, use_row: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        left = residual(problem, x, effects)
+        used = left.weighted * use_row[:, None, None]
+        outside = _STIFFNESS * out_of_range(problem, x, effects)
+        unsure = _DAMPING_OF_UNKNOWNS * x[CONSTANTS:]
+        squares = jnp.sum(used**2)
+        found = squares, 0.5 * (squares + jnp.sum(outside**2)), jnp.sum(left.remaining_n**2, axis=1)
+        return (used, outside, unsure), found
+
+    def one(start: Array, use_row: Array) -> Fit:
+        solution = optx.least_squares(
+            misfit, solver, start, args=use_row, has_aux=True, max_steps=_STEPS, throw=False
+        )
+        squares, cost, error = solution.aux
+        model = jax.tree.map(jnp.asarray, model_at(problem, solution.value, effects))
+        return Fit(solution.value, cost, squares, error, model, jnp.isfinite(cost))
+
+    return jax.vmap(one)(starts, use)

@@ -1,0 +1,102 @@
+"""What a force model predicts for measured trials, sample by sample, with each trial's phase, speed and bias
+fitted on it.
+
+The prediction is the model's lines evaluated at the trial's spindle angle, y(t) = bias + Re(c_0 + 2 sum c_n
+exp(i n (th + phase))), within the band. It is what scores, figures and the disturbance GP (measured minus
+predicted) are made from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting import _platform
+from mjx_cutting.cutting import ForceModel
+from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band
+from mjx_cutting.tracing.problem import Problem, Residual, model_lines, pose, residual_of
+from mjx_cutting.tracing.spindle import spindle_angle
+from mjx_cutting.trials.dataset import Dataset
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One cut trial beside its prediction, both within the band.
+
+    Fields:
+        file: name of the trial.
+        time_s: [T] from the start of the record.
+        angle_rad: [T] angle of tooth 0 as fitted.
+        measured_n, predicted_n: [T, 3] force on the tool in process axes; the bias is in the prediction.
+        speed_rev_s: estimated spindle speed.
+        bias_n: [3] fitted bias.
+    """
+
+    file: str
+    time_s: Array
+    angle_rad: Array
+    measured_n: Array
+    predicted_n: Array
+    speed_rev_s: float
+    bias_n: Array
+
+    @property
+    def residual_n(self) -> Array:
+        """[T, 3] measured minus predicted, N."""
+        return self.measured_n - self.predicted_n
+
+
+def predict_trials(
+    dataset: Dataset, model: ForceModel, band_hz: tuple[float, float] | None = None
+) -> tuple[Prediction, ...]:
+    """Predictions of every cut trial of a dataset under `model`.
+
+    Arguments:
+        dataset: measured trials.
+        model: force model, from tracing or from a model.json; the tool is the data set's.
+        band_hz: band compared, Hz; default the anti-alias filter's corner or half the sampling rate.
+    """
+    with _platform.x64():
+        lines = compress(dataset, trusted_band(dataset, band_hz))
+        return predictions(dataset, lines, pose(dataset, lines), model)
+
+
+def predictions(
+    dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0
+) -> tuple[Prediction, ...]:
+    """The same from parts already made (call it in float64)."""
+    lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n))
+    coefficients = np.asarray(lines_n)
+    phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
+    order = np.arange(lines.orders + 1)
+    rate_hz = dataset.sensor.sample_rate_hz
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    results = []
+    for index, trial in enumerate(trials):
+        angle = spindle_angle(trial, float(lines.speed_rev_s[index])) + phases[index]
+        heard = np.concatenate([[1.0], 2.0 * lines.present[index][1::2]])
+        wave = np.exp(1j * np.multiply.outer(angle, order)) * heard
+        force = band_limit(np.real(wave @ coefficients[index]), rate_hz, lines.band_hz)
+        results.append(
+            Prediction(
+                file=trial.file,
+                time_s=trial.time_s - trial.time_s[0],
+                angle_rad=angle,
+                measured_n=band_limit(trial.force_n, rate_hz, lines.band_hz),
+                predicted_n=force + biases[index],
+                speed_rev_s=float(lines.speed_rev_s[index]),
+                bias_n=biases[index],
+            )
+        )
+    return tuple(results)
+
+
+@jax.jit
+def _solved(problem: Problem, model: ForceModel, shared_bias_n: jax.Array) -> tuple[jax.Array, Residual]:
+    return model_lines(problem, model), residual_of(problem, model, shared_bias_n)

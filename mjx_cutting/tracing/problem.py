@@ -1,0 +1,299 @@
+"""The fit's residual: measured lines minus the lines of a force model, with each trial's own unknowns solved
+inside.
+
+Global unknowns x are six mechanistic constants and the coordinates of the effects. A trial's phase and (where
+the sensor was zeroed before each trial) its bias are nuisances: for given x the phase is found by a search
+over the whole turn and a few Gauss-Newton steps, the bias in closed form. What is returned is the whitened
+residual with both projected out, whose Jacobian in x is Kaufman's variable projection (Golub and Pereyra,
+Inverse Problems 19 (2003) R1-R26). So the outer problem is small, smooth, and the choice among phases that
+differ by whole teeth is made anew at every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
+from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+CONSTANTS = 6
+_IN_PLANE = (0, 1, 3, 4)
+_ANGLES_PER_TOOTH = 24
+_FEWEST_ANGLES = 128
+_ANGLES_PER_ORDER = 12
+_PHASES = 1024
+_GAUSS_NEWTON = 4
+_BIAS_SPREAD = 0.3
+_MODEL_ERROR = 0.02
+
+
+class Problem(eqx.Module):
+    """Everything a fit reads, as arrays over R trials.
+
+    Fields:
+        tool: the cutter, with straight teeth (see `model_lines`).
+        cut: conditions, every field [R].
+        whitened, factor, present: see `Lines`.
+        gain: [R, orders + 1] complex response at each order of the known anti-alias filter and of the helix.
+        weight: [3] 1 / standard deviation given to each axis, 1/N.
+        bias_spread_n: [3] prior standard deviation of a trial's bias, N; 0 where all trials share one bias.
+        scale: [6] units of the mechanistic constants, so that the unknowns are of order one.
+        bias_unit_n: [] unit of a shared bias, N.
+        shared_bias: True where the sensor was zeroed once a session (static).
+        orders, angles: highest order and angles evaluated a turn (static).
+    """
+
+    tool: Tool
+    cut: Cut
+    whitened: Array
+    factor: Array
+    present: Array
+    gain: Array
+    weight: Array
+    bias_spread_n: Array
+    scale: Array
+    bias_unit_n: Array
+    shared_bias: bool = eqx.field(static=True)
+    orders: int = eqx.field(static=True)
+    angles: int = eqx.field(static=True)
+
+    @property
+    def trials(self) -> int:
+        """Number of trials R."""
+        return self.whitened.shape[0]
+
+
+def pose(dataset: Dataset, lines: Lines) -> Problem:
+    """The fitting problem of a dataset's cut trials (call it in float64)."""
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    shape = dataset.tool
+    tool = Tool(shape.kind, shape.teeth, shape.diameter_m, helix_rad=0.0)
+    cuts = [
+        Cut.milling(
+            trial.milling or "slot",
+            dataset.tool.diameter_m,
+            angle_rad=0.0,
+            spindle_speed_rev_s=float(speed),
+            feed_speed_m_s=trial.feed_speed_m_s,
+            radial_depth_m=trial.radial_depth_m,
+            axial_width_m=trial.axial_width_m,
+            position_m=0.0,
+            cut_length_m=trial.cut_length_before_m + 0.5 * _length_m(trial),
+            time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
+            clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),
+        )
+        for trial, speed in zip(trials, lines.speed_rev_s, strict=True)
+    ]
+    rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
+    noise = lines.noise_std_n()
+    shared = dataset.sensor.zeroed == "session"
+    angles = dataset.tool.teeth * int(
+        np.ceil(
+            max(_FEWEST_ANGLES, _ANGLES_PER_ORDER * lines.orders, _ANGLES_PER_TOOTH * dataset.tool.teeth)
+            / dataset.tool.teeth
+        )
+    )
+    return Problem(
+        tool=tool,
+        cut=jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts),
+        whitened=jnp.asarray(lines.whitened),
+        factor=jnp.asarray(lines.factor),
+        present=jnp.asarray(lines.present),
+        gain=jnp.asarray(_filter_gain(dataset, lines) * _helix_gain(dataset, trials, lines.orders)),
+        weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * rms) ** 2)),
+        bias_spread_n=jnp.full(3, 0.0 if shared else _BIAS_SPREAD * rms),
+        scale=jnp.asarray(
+            _scale(trials, dataset.tool.teeth, dataset.tool.diameter_m, lines.speed_rev_s, rms)
+        ),
+        bias_unit_n=jnp.asarray(_BIAS_SPREAD * rms),
+        shared_bias=shared,
+        orders=lines.orders,
+        angles=angles,
+    )
+
+
+def model_at(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> ForceModel:
+    """The force model at the global unknowns `x` [6 + ...]."""
+    constants = x[:CONSTANTS] * problem.scale
+    start = CONSTANTS + (3 if problem.shared_bias else 0)
+    parts = []
+    for effect in effects:
+        size = effect.size(problem.tool)
+        parts.append(effect.build(x[start : start + size], problem.tool))
+        start += size
+    tc, rc, ac, te, re, ae = constants
+    return ForceModel(problem.tool, Material(tc, te, rc, re, ac, ae), tuple(parts))
+
+
+def unknowns(problem: Problem, effects: Sequence[type[AbstractEffect]]) -> int:
+    """Number of global unknowns."""
+    return CONSTANTS + (3 if problem.shared_bias else 0) + sum(e.size(problem.tool) for e in effects)
+
+
+def rescaled(problem: Problem, factor: float) -> Problem:
+    """The same problem with every standard deviation multiplied by `factor`."""
+    return eqx.tree_at(lambda p: p.weight, problem, problem.weight / factor)
+
+
+def out_of_range(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> Array:
+    """[...] how far each bounded quantity lies outside its range, in units of the range; zero inside.
+
+    Bounded are the in-plane constants (not negative) and every parameter of an effect with its declared
+    range.
+    """
+    parts = [jnp.minimum(x[jnp.array(_IN_PLANE)], 0.0)]
+    for effect in model_at(problem, x, effects).effects:
+        for name, parameter in effect.parameters.items():
+            value = jnp.atleast_1d(jnp.asarray(getattr(effect, name), dtype=float))
+            span = parameter.high - parameter.low
+            parts.append(
+                (jnp.maximum(value - parameter.high, 0.0) + jnp.minimum(value - parameter.low, 0.0)) / span
+            )
+    return jnp.concatenate(parts)
+
+
+class Residual(eqx.Module):
+    """What a model leaves of the measured lines.
+
+    Fields:
+        weighted: [R, P, 3] residual with nuisances projected out, in standard deviations.
+        remaining_n: [R, P, 3] whitened residual with the nuisances at their best, N; its sum of squares is
+        the
+            squared error over the samples, less the part between the lines.
+        phase_rad: [R] phase of each trial.
+        bias_n: [R, 3] bias of each trial, N.
+    """
+
+    weighted: Array
+    remaining_n: Array
+    phase_rad: Array
+    bias_n: Array
+
+
+def residual(problem: Problem, x: Array, effects: tuple[type[AbstractEffect], ...]) -> Residual:
+    """Residual of every trial at the global unknowns `x`."""
+    shared = x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else jnp.zeros(3)
+    return residual_of(problem, model_at(problem, x, effects), shared)
+
+
+def residual_of(problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0) -> Residual:
+    """Residual of every trial under a given model; `shared_bias_n` [3] is the session's bias, N."""
+    shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
+    solve = partial(_solve_trial, problem, shared)
+    return jax.vmap(solve)(model_lines(problem, model), problem.whitened, problem.factor, problem.present)
+
+
+def model_lines(problem: Problem, model: ForceModel) -> Array:
+    """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N.
+
+    The tool is the problem's: straight teeth, since a helix only delays slices of the edge, which in the
+    order domain is the exact factor (1 - exp(-i n lag)) / (i n lag) in `gain`.
+    """
+    straight = ForceModel(problem.tool, model.material, model.effects)
+    lines = jax.vmap(lambda cut: order_lines(straight, cut, problem.orders, problem.angles))(problem.cut)
+    return lines * problem.gain[..., None]
+
+
+def _solve_trial(
+    problem: Problem, shared: Array, lines: Array, whitened: Array, factor: Array, present: Array
+) -> Residual:
+    weight, spread = problem.weight, problem.bias_spread_n
+    constant = factor[0]
+    norm = constant @ constant
+    # closed-form bias with its prior: share of the projection on the constant that a bias takes away
+    absorbed = (weight * spread) ** 2 * norm / (1.0 + (weight * spread) ** 2 * norm)
+
+    def left(lines: Array, phase: Array) -> Array:
+        return whitened - factor.T @ (_real(_turned(lines, phase), present).at[0].add(shared))
+
+    def slope_of(lines: Array, phase: Array) -> Array:
+        return without_bias(-factor.T @ _real(_turned(lines, phase) * order, present)) * weight
+
+    def without_bias(value: Array) -> Array:
+        return value - jnp.outer(constant, absorbed * (constant @ value) / norm)
+
+    def better(_: int, phase: Array) -> Array:
+        slope, now = slope_of(still, phase), without_bias(left(still, phase)) * weight
+        return phase - jnp.sum(slope * now) / jnp.maximum(jnp.sum(slope**2), 1e-30)
+
+    order = jnp.arange(problem.orders + 1)[:, None] * 1j
+    still = jax.lax.stop_gradient(lines)
+    phase = jax.lax.fori_loop(0, _GAUSS_NEWTON, better, _best_phase(still, whitened, factor, weight))
+    phase = jax.lax.stop_gradient(phase)
+    remaining = left(lines, phase)
+    slope = slope_of(still, phase)
+    keep = 1.0 - jnp.sqrt(1.0 - absorbed)
+    projected = (remaining - jnp.outer(constant, keep * (constant @ remaining) / norm)) * weight
+    slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
+    projected = projected - slope * jnp.sum(slope * projected)
+    free = 0.0 if problem.shared_bias else 1.0
+    bias = free * (constant @ remaining) / norm
+    return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
+
+
+def _turned(lines: Array, phase: Array) -> Array:
+    """Lines of the same waveform with tooth 0 ahead by `phase`."""
+    return lines * jnp.exp(1j * jnp.arange(lines.shape[0]) * phase)[:, None]
+
+
+def _real(lines: Array, present: Array) -> Array:
+    """[P, A] coefficients of 1, cos, sin from complex lines [orders + 1, A]."""
+    pairs = jnp.stack([2.0 * lines.real[1:], -2.0 * lines.imag[1:]], axis=1).reshape(-1, lines.shape[1])
+    return jnp.concatenate([lines.real[:1], pairs]) * present[:, None]
+
+
+def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> Array:
+    """Phase on a grid of a turn at which the lines agree best with the measured ones, the mean left aside."""
+    product = factor @ whitened
+    measured = product[1::2] - 1j * product[2::2]
+    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
+    spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[1 : lines.shape[0]].set(agreement)
+    return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
+
+
+def _filter_gain(dataset: Dataset, lines: Lines) -> np.ndarray[Any, Any]:
+    frequency = np.multiply.outer(lines.speed_rev_s, np.arange(lines.orders + 1))
+    alias = dataset.sensor.anti_alias
+    if alias is None:
+        return np.ones_like(frequency, dtype=complex)
+    poles = np.exp(1j * np.pi * (2 * np.arange(1, alias.order + 1) + alias.order - 1) / (2 * alias.order))
+    gain = np.prod(-poles / (1j * frequency[..., None] / alias.hz - poles), axis=-1)
+    return np.abs(gain) ** 2 + 0j if alias.zero_phase else gain
+
+
+def _helix_gain(dataset: Dataset, trials: Sequence[Trial], orders: int) -> np.ndarray[Any, Any]:
+    """[R, orders + 1] mean of exp(-i n lag) over the width of cut."""
+    width = np.array([trial.axial_width_m for trial in trials])
+    lag = 2.0 * width * np.tan(dataset.tool.helix_rad) / dataset.tool.diameter_m
+    half = 0.5 * np.multiply.outer(lag, np.arange(orders + 1))
+    return np.sinc(half / np.pi) * np.exp(-1j * half)
+
+
+def _length_m(trial: Trial) -> float:
+    """Length cut in the trial, m."""
+    return trial.feed_speed_m_s * float(trial.time_s[-1] - trial.time_s[0])
+
+
+def _scale(
+    trials: Sequence[Trial], teeth: int, diameter_m: float, speed_rev_s: np.ndarray[Any, Any], rms: float
+) -> np.ndarray[Any, Any]:
+    """[6] constants that would make a force of the measured size: three for the chip, three for the edge."""
+    chip, width = [], []
+    for trial, speed in zip(trials, speed_rev_s, strict=True):
+        entry, exit_ = arc(trial.milling or "slot", trial.radial_depth_m, diameter_m)
+        engaged = max(1.0, teeth * float(exit_ - entry) / (2.0 * np.pi))
+        chip.append(trial.feed_speed_m_s / (teeth * speed))
+        width.append(trial.axial_width_m * engaged)
+    thickness = max(float(np.median(chip)), 1e-9)
+    per_width = rms / max(float(np.median(width)), 1e-9)
+    return np.array([per_width / thickness] * 3 + [per_width] * 3)

@@ -1,0 +1,150 @@
+"""Forward search: which registered effects, added one after another, lower the error on trials not seen.
+
+Each round fits every candidate beside what is accepted already, scores it on held-out trials, tests it
+(`decision`), accepts the best that passes, and looks again at what remains. The best of the others is the
+runner-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.fit import (
+    Effects,
+    Fit,
+    base_starts,
+    effect_starts,
+    fit,
+    freedom,
+    reweighted,
+    spread,
+)
+from mjx_cutting.tracing.heldout import HeldOut, held_out
+from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.problem import Problem
+
+MOST_EFFECTS = 4
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect tried beside those accepted: its fit, its error on held-out trials and the decision."""
+
+    kind: type[AbstractEffect]
+    fit: Fit
+    heldout: HeldOut
+    decision: Decision
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of the search: the candidates in order of held-out error, and the one accepted, if any."""
+
+    before: HeldOut
+    candidates: tuple[Candidate, ...]
+    accepted: Candidate | None
+
+    @property
+    def runner_up(self) -> Candidate | None:
+        """The best candidate that was not accepted."""
+        return next((each for each in self.candidates if each is not self.accepted), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What the search found.
+
+    Fields:
+        problem: the problem, weighted for the final model.
+        base_fit, base: base model and its held-out error.
+        effects, final_fit, final: accepted effects, the final model and its held-out error.
+        rounds: every round, in order.
+    """
+
+    problem: Problem
+    base_fit: Fit
+    base: HeldOut
+    effects: Effects
+    final_fit: Fit
+    final: HeldOut
+    rounds: tuple[Round, ...] = field(default=())
+
+
+def search(
+    problem: Problem,
+    lines: Lines,
+    candidates: Sequence[type[AbstractEffect]],
+    fold: NDArray[np.int64],
+    progress: Progress = lambda text: None,
+) -> Search:
+    """Run the search; `progress` is told what is being tried."""
+    progress("base model")
+    base = fit(problem, (), base_starts(problem))
+    problem = reweighted(problem, base)
+    base = fit(problem, (), base_starts(problem))
+    base_heldout = held_out(problem, lines, (), base, fold)
+    effects: Effects = ()
+    current, heldout = base, base_heldout
+    rounds: list[Round] = []
+    while len(effects) < MOST_EFFECTS:
+        open_ = [kind for kind in candidates if kind not in effects and kind.size(problem.tool) > 0]
+        tried = []
+        for kind in open_:
+            progress(" + ".join([*(each.name for each in effects), kind.name]))
+            tried.append(_try(problem, lines, (*effects, kind), current, heldout, fold, open_))
+        tried.sort(key=lambda each: each.heldout.nrmse)
+        accepted = next((each for each in tried if each.decision.accepted), None)
+        rounds.append(Round(heldout, tuple(tried), accepted))
+        if accepted is None:
+            break
+        effects = (*effects, accepted.kind)
+        problem = reweighted(problem, accepted.fit)
+        current = fit(problem, effects, np.asarray(accepted.fit.x)[None])
+        heldout = held_out(problem, lines, effects, current, fold)
+    return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds))
+
+
+def _try(
+    problem: Problem,
+    lines: Lines,
+    effects: Effects,
+    before: Fit,
+    before_heldout: HeldOut,
+    fold: NDArray[np.int64],
+    tried: Sequence[type[AbstractEffect]],
+) -> Candidate:
+    """Fit and judge the last of `effects` beside the others."""
+    kind = effects[-1]
+    found = fit(problem, effects, effect_starts(problem, kind, before.x))
+    after = held_out(problem, lines, effects, found, fold)
+    p = chance(
+        drop=float(before.squares - found.squares),
+        added=len(found.x) - len(before.x),
+        spread=spread(problem, found),
+        floor=_tolerated(problem, lines, freedom(problem, found)),
+        freedom=freedom(problem, found),
+        tries=sum(len(each.starts(problem.tool)) for each in tried),
+    )
+    decision = decide(kind, before_heldout, after, p, parameters(effects, found, after)[-1])
+    return Candidate(kind, found, after, decision)
+
+
+def parameters(effects: Effects, found: Fit, heldout: HeldOut) -> list[dict[str, Interval]]:
+    """Parameters of every effect with their intervals, by name, in the order of `effects`."""
+    return [
+        {name: interval(kind, name, getattr(whole, name), getattr(by_fold, name)) for name in kind.parameters}
+        for kind, whole, by_fold in zip(effects, found.model.effects, heldout.fits.model.effects, strict=True)
+    ]
+
+
+def _tolerated(problem: Problem, lines: Lines, freedom: int) -> float:
+    """Standard deviation per degree of freedom that the tolerated model error makes."""
+    energy = float(np.sum(lines.energy_n2 * np.asarray(problem.weight) ** 2))
+    return TOLERANCE * np.sqrt(energy / freedom)

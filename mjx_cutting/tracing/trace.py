@@ -1,0 +1,126 @@
+"""Tracing from end to end: measured trials in; verdict.json, model.json and report.html out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from mjx_cutting import _platform
+from mjx_cutting._files import write_atomic
+from mjx_cutting.cutting import ForceModel, Tool, effect_class
+from mjx_cutting.tracing.dependence import Dependence, dependences
+from mjx_cutting.tracing.evidence import evidence
+from mjx_cutting.tracing.heldout import folds
+from mjx_cutting.tracing.lines import Lines, compress, trusted_band
+from mjx_cutting.tracing.prediction import Prediction, predictions
+from mjx_cutting.tracing.problem import CONSTANTS, Problem, pose
+from mjx_cutting.tracing.search import Search, search
+from mjx_cutting.tracing.verdict import testable, verdict
+from mjx_cutting.trials.dataset import Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class Tracing:
+    """Everything a tracing found.
+
+    Fields:
+        dataset: the trials.
+        lines, search: their lines, the outcome of the search.
+        base_model, model: force model without and with the effects named.
+        before, after: every cut trial beside the prediction of the two models.
+        depends_before, depends_after: what the two residuals depend on.
+        verdict: the dictionary written to verdict.json.
+    """
+
+    dataset: Dataset
+    lines: Lines
+    search: Search
+    base_model: ForceModel
+    model: ForceModel
+    before: tuple[Prediction, ...]
+    after: tuple[Prediction, ...]
+    depends_before: tuple[Dependence, ...]
+    depends_after: tuple[Dependence, ...]
+    verdict: dict[str, Any]
+
+
+def trace(
+    dataset: Dataset,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    effects: Sequence[str] | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Tracing:
+    """Find what the base model lacks on these trials.
+
+    Arguments:
+        dataset: trials of one tool; at least two of kind "cut".
+        band_hz: band in which the sensor is trusted; default the anti-alias corner or half the sampling rate.
+        effects: names to try; default every registered effect that the data can test.
+        seed: for the folds of more than twelve trials.
+        progress: told what is being tried.
+
+    Raises:
+        ValueError: unknown effect, a tool tracing does not know, fewer than two cut trials, or an empty band.
+    """
+    kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
+    _check(dataset)
+    with _platform.x64():
+        progress("reading the lines of every trial")
+        lines = compress(dataset, trusted_band(dataset, band_hz))
+        problem = pose(dataset, lines)
+        found = search(problem, lines, kinds, folds(dataset, seed), progress)
+        problem = found.problem
+        base_model = _named(dataset, found.base_fit.model)
+        model = _named(dataset, found.final_fit.model)
+        progress("testing what remains")
+        before = predictions(dataset, lines, problem, base_model, _shared_bias(problem, found.base_fit.x))
+        after = predictions(dataset, lines, problem, model, _shared_bias(problem, found.final_fit.x))
+        teeth = dataset.tool.teeth
+        depends_before = dependences(dataset, before, teeth, lines.orders)
+        depends_after = dependences(dataset, after, teeth, lines.orders)
+        reasons = {kind.name: evidence(kind, dataset, before, after) for kind in found.effects}
+        word = verdict(dataset, lines, found, depends_before, depends_after, reasons)
+    return Tracing(
+        dataset, lines, found, base_model, model, before, after, depends_before, depends_after, word
+    )
+
+
+def save(tracing: Tracing, out: Path) -> None:
+    """Write verdict.json, model.json and report.html into the folder `out`."""
+    from mjx_cutting.tracing.report import render
+
+    page = render(tracing)
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomic(out / "verdict.json", json.dumps(tracing.verdict, indent=2, allow_nan=False) + "\n")
+    write_atomic(out / "model.json", json.dumps(tracing.model.to_dict(), indent=2, allow_nan=False) + "\n")
+    write_atomic(out / "report.html", page)
+
+
+def _check(dataset: Dataset) -> None:
+    if dataset.tool.kind not in ("end_mill", "slitting_saw"):
+        raise ValueError(
+            f"tool kind is {dataset.tool.kind!r}; tracing knows 'end_mill' and 'slitting_saw' so far"
+        )
+    cuts = sum(trial.kind == "cut" for trial in dataset.trials)
+    if cuts < 2:
+        raise ValueError(f"{cuts} cut trial; tracing holds out by trial and needs at least two")
+
+
+def _shared_bias(problem: Problem, x: jax.Array) -> jax.Array | float:
+    return x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else 0.0
+
+
+def _named(dataset: Dataset, model: ForceModel) -> ForceModel:
+    """The model with the tool's full axial resolution and plain numbers, as others will use it."""
+    shape = dataset.tool
+    tool = Tool(shape.kind, shape.teeth, float(shape.diameter_m), float(shape.helix_rad))
+    plain = jax.tree.map(np.asarray, (model.material, model.effects))
+    return ForceModel(tool, *plain)

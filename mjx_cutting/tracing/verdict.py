@@ -1,0 +1,202 @@
+"""The verdict in the format mjx-cutting-verdict/1: what is missing, how sure that is, what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
+from mjx_cutting.tracing.dependence import Dependence
+from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.lines import Lines, band_limit
+from mjx_cutting.tracing.search import Round, Search, parameters
+from mjx_cutting.trials.dataset import Dataset
+
+FORMAT = "mjx-cutting-verdict/1"
+AT_FLOOR = 1.1
+TIED = 2.0
+_MEASURABLE = ("joint velocity", "tool orientation")
+
+
+def verdict(
+    dataset: Dataset,
+    lines: Lines,
+    found: Search,
+    before: Sequence[Dependence],
+    after: Sequence[Dependence],
+    evidence: dict[str, list[str]],
+) -> dict[str, Any]:
+    """The verdict as a dictionary ready for verdict.json.
+
+    Arguments:
+        dataset, lines, found: the data, its lines and the outcome of the search.
+        before, after: what the residual depends on under the base and under the final model.
+        evidence: sentences for each accepted effect, by name.
+    """
+    floor = noise_floor(dataset, lines)
+    accepted = [each for each in found.rounds if each.accepted is not None]
+    ambiguous = [pair for pair in map(_tie, accepted) if pair is not None]
+    named = [_effect(dataset, found, index, each, evidence) for index, each in enumerate(accepted)]
+    left = [each for each in after if each.found]
+    return {
+        "format": FORMAT,
+        "verdict": _word(found, floor, bool(named), bool(ambiguous), list(before), left),
+        "before": _errors(found.base, lines),
+        "after": _errors(found.final, lines),
+        "noise_floor_nrmse": floor,
+        "band_hz": list(lines.band_hz),
+        "effects": named,
+        "ambiguous": ambiguous,
+        "not_testable": not_testable(dataset),
+        "remaining": _remaining(found, lines, left),
+        "left_out": [{"file": each.file, "reason": each.reason} for each in dataset.left_out],
+    }
+
+
+def noise_floor(dataset: Dataset, lines: Lines) -> float:
+    """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines."""
+    rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
+    force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
+    air = [trial for trial in dataset.trials if trial.kind == "air"]
+    if air:
+        quiet = [band_limit(trial.force_n, rate, band) for trial in air]
+        noise = np.sqrt(np.mean([np.mean(np.var(each, axis=0)) for each in quiet]))
+    elif dataset.sensor.noise_std_n is not None:
+        share = (band[1] - band[0]) / (0.5 * rate)
+        noise = np.sqrt(np.mean(np.square(dataset.sensor.noise_std_n)) * share)
+    else:
+        noise = np.sqrt(lines.rest_n2.sum() / (3.0 * lines.samples.sum()))
+    return float(noise / max(force, 1e-12))
+
+
+# Each candidate costs a compilation and a fit; the rest of the library is tried when named (--effects).
+TRIED = ("radial_runout", "sensor_resonance", "size_effect", "unequal_pitch")
+
+
+def not_testable(dataset: Dataset) -> list[dict[str, str]]:
+    """Registered effects whose telling covariate these trials do not have."""
+    missing = []
+    for name in effect_names():
+        absent = [need for need in effect_class(name).needs if not has(dataset, need)]
+        if absent:
+            missing.append({"name": name, "needs": ", ".join(absent)})
+    return missing
+
+
+def testable(dataset: Dataset) -> list[type[AbstractEffect]]:
+    """Effects tried without being asked for: those of `TRIED` that these trials can test, and a user's own.
+
+    The search fits lines of a steady revolution, so effects that are not `steady` are left out.
+    """
+    absent = {entry["name"] for entry in not_testable(dataset)}
+    kinds = [effect_class(name) for name in effect_names() if name not in absent]
+    ours = AbstractEffect.__module__.rpartition(".")[0]
+    return [
+        kind for kind in kinds if kind.steady and (kind.name in TRIED or not kind.__module__.startswith(ours))
+    ]
+
+
+def has(dataset: Dataset, need: str) -> bool:
+    """Whether the trials carry a covariate an effect needs."""
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    present = {
+        "position": any(trial.position_m is not None for trial in cuts),
+        "spindle angle": any(trial.spindle_angle_rad is not None for trial in cuts),
+        "spindle speed": any(trial.spindle_speed_measured_rev_s is not None for trial in cuts),
+        "feed speed": any(trial.feed_speed_measured_m_s is not None for trial in cuts),
+        "air cut": any(trial.kind == "air" for trial in dataset.trials),
+        "cut length": len({trial.cut_length_before_m for trial in cuts}) > 1,
+        "clock": dataset.sensor.zeroed == "session" and len({trial.clock_start_s for trial in cuts}) > 1,
+    }
+    return present.get(need, False)
+
+
+def _word(
+    found: Search, floor: float, named: bool, tied: bool, before: list[Dependence], left: list[Dependence]
+) -> str:
+    if not named:
+        missing = found.base.nrmse > AT_FLOOR * floor and any(each.found for each in before)
+        return "unexplained" if missing else "nothing missing"
+    if tied:
+        return "ambiguous"
+    return "partly explained" if found.final.nrmse > AT_FLOOR * floor or left else "explained"
+
+
+def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:
+    return {
+        "heldout_nrmse": heldout.nrmse,
+        "per_axis": _plain(heldout.per_axis),
+        "per_trial": dict(zip(lines.files, _plain(heldout.per_trial), strict=True)),
+    }
+
+
+def _effect(
+    dataset: Dataset, found: Search, index: int, each: Round, evidence: dict[str, list[str]]
+) -> dict[str, Any]:
+    assert each.accepted is not None
+    values = parameters(found.effects, found.final_fit, found.final)[index]
+    runner_up = each.runner_up
+    return {
+        "name": each.accepted.kind.name,
+        "heldout_gain": each.accepted.decision.gain,
+        "gain_standard_error": _plain(each.accepted.decision.gain_standard_error),
+        "parameters": {
+            name: {"value": _plain(v.value), "low": _plain(v.low), "high": _plain(v.high), "unit": v.unit}
+            for name, v in values.items()
+        },
+        "runner_up": None
+        if runner_up is None
+        else {"name": runner_up.kind.name, "heldout_nrmse": runner_up.heldout.nrmse},
+        "evidence": evidence.get(each.accepted.kind.name, []),
+    }
+
+
+def _tie(each: Round) -> dict[str, Any] | None:
+    """The accepted effect and another that passed every test and is not worse beyond two standard errors."""
+    assert each.accepted is not None
+    best = each.accepted.heldout
+    for other in each.candidates:
+        if other is each.accepted or not other.decision.accepted:
+            continue
+        gap = other.heldout.error_n2.sum(axis=1) - best.error_n2.sum(axis=1)
+        error = np.std(gap, ddof=1) * np.sqrt(len(gap)) if len(gap) > 2 else 0.0
+        if gap.sum() <= TIED * error:
+            first = np.ravel(best.error_n2 - each.before.error_n2)
+            second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
+            cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300)
+            settles = each.accepted.kind.confused_with.get(other.kind.name) or other.kind.confused_with.get(
+                each.accepted.kind.name, "trials over a wider range of speed and feed"
+            )
+            return {
+                "names": [each.accepted.kind.name, other.kind.name],
+                "cosine": float(cosine),
+                "separating_trial": settles,
+            }
+    return None
+
+
+def _remaining(found: Search, lines: Lines, left: list[Dependence]) -> dict[str, Any]:
+    share = float(found.final.error_n2.sum() / max(found.base.error_n2.sum(), 1e-300))
+    if left:
+        says = "; ".join(
+            f"{each.covariate} ({each.share:.0%} of what is left): {each.look_for}" for each in left
+        )
+        text = f"what is left still depends on {says}"
+    else:
+        text = "what is left depends on nothing that was measured"
+    return {
+        "depends_on": [each.covariate for each in left],
+        "description": text,
+        "share_of_energy": share,
+    }
+
+
+def _plain(value: Any) -> Any:
+    array: NDArray[np.floating] = np.asarray(value, dtype=float)
+    listed = np.where(np.isfinite(array), array, np.nan).tolist()
+    if isinstance(listed, list):
+        return [None if each != each else each for each in listed]
+    return None if listed != listed else listed

@@ -1,0 +1,1 @@
+"""Readers for data that was not recorded in the dataset format."""

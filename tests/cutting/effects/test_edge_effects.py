@@ -1,0 +1,205 @@
+"""Signatures of the effects at the edge and on the tool as a whole."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, effect_class, order_lines, revolution
+
+wave_of = jax.jit(revolution, static_argnums=2)
+torque_of = jax.jit(ForceModel.torque_z)
+lines_of = jax.jit(order_lines, static_argnums=(2, 3))
+force_of = jax.jit(ForceModel.process_force)
+
+pytestmark = pytest.mark.usefixtures("float64")
+
+SPEED, WIDTH = 50.0, 0.0015
+FEEDS_M = np.array([2e-5, 4e-5, 8e-5, 1.6e-4])
+
+
+def model(teeth: int, *effects: Any, edge: float = 1.0) -> ForceModel:
+    material = Material.from_n_mm(950.0, 16.0 * edge, 250.0, 19.0 * edge)
+    return ForceModel(Tool("end_mill", teeth, 0.025), material, effects)
+
+
+def slot(chip_m: float, teeth: int, **change: Any) -> Cut:
+    feed = chip_m * teeth * SPEED
+    return Cut(0.0, SPEED, feed, 0.025, WIDTH, 0.0, np.pi).replace(**change)
+
+
+def lines(the_model: ForceModel, chip_m: float, orders: int = 24, **change: Any) -> np.ndarray:
+    teeth = the_model.tool.teeth
+    cut = slot(chip_m, teeth, **change)
+    return np.abs(np.asarray(lines_of(the_model, cut, orders, 240 * teeth)))
+
+
+def test_size_effect_is_concave_and_adds_no_lines():
+    size = effect_class("size_effect")(0.3)
+    found = np.array([lines(model(4, size), chip) for chip in FEEDS_M])
+    others = [n for n in range(25) if n % 4]
+    assert found[:, others].max() < 1e-4 * found.max()
+    mean = found[:, 0, 1]
+    slopes = np.diff(mean) / np.diff(FEEDS_M)
+    assert np.all(np.diff(slopes) < 0.0)
+    straight = np.array([lines(model(4), chip)[0, 1] for chip in FEEDS_M])
+    straight_slopes = np.diff(straight) / np.diff(FEEDS_M)
+    np.testing.assert_allclose(straight_slopes, straight_slopes[0], rtol=1e-6)
+
+
+def test_size_effect_equals_the_base_law_at_its_reference():
+    size = force_of(model(1, effect_class("size_effect")(0.4)), slot(5e-5, 1).replace(angle_rad=np.pi / 2))
+    base = force_of(model(1), slot(5e-5, 1).replace(angle_rad=np.pi / 2))
+    np.testing.assert_allclose(size, base, rtol=1e-9)
+
+
+def test_ploughing_acts_at_low_feed_and_levels_off():
+    """Below h_min the force is q times stiffer; well above it the surplus no longer grows."""
+    h_min, ratio = 4e-6, 3.0
+    ploughing = effect_class("ploughing")(h_min, ratio)
+    peak = {"angle_rad": np.pi / 2}
+
+    def surplus(chip: float) -> float:
+        with_, without = (force_of(m, slot(chip, 1, **peak))[1] for m in (model(1, ploughing), model(1)))
+        return float(with_ - without)
+
+    tangential = 950e6 * WIDTH
+    assert surplus(2e-6) == pytest.approx((ratio - 1) * tangential * 2e-6, rel=1e-9)
+    assert surplus(1e-5) == pytest.approx((ratio - 1) * tangential * h_min, rel=1e-9)
+    assert surplus(1e-4) == pytest.approx(surplus(1e-5), rel=1e-9)
+
+
+def test_wear_grows_with_cut_length_and_not_with_the_clock():
+    wear = effect_class("flank_wear")(np.array([1e9, 2e9, 5e8]), 1e-6)
+
+    def mean(**change: Any) -> np.ndarray:
+        return np.asarray(wave_of(model(2, wear), slot(4e-5, 2, **change), 480).mean(axis=0))
+
+    sharp = mean()
+    np.testing.assert_allclose(mean(time_s=500.0, clock_s=5000.0, position_m=0.4), sharp, rtol=1e-12)
+    growth = np.array([mean(cut_length_m=length) - sharp for length in (5.0, 10.0, 20.0)])
+    np.testing.assert_allclose(growth[1:] / growth[0], [[2.0] * 3, [4.0] * 3], rtol=1e-9)
+    # slot: radial shows in x, tangential in y, both as edge forces N b kappa VB / pi
+    share = 2 * WIDTH / np.pi * 1e-6 * 20.0
+    np.testing.assert_allclose(growth[2][:2], [-2e9 * share, 1e9 * share], rtol=1e-4)
+
+
+def test_wear_leaves_the_slope_in_feed_alone():
+    wear = effect_class("flank_wear")(np.array([1e9, 2e9, 5e8]), 1e-6)
+    slopes = [
+        np.diff([lines(m, chip, cut_length_m=20.0)[0, 1] for chip in (4e-5, 8e-5)])
+        for m in (model(2), model(2, wear))
+    ]
+    np.testing.assert_allclose(slopes[1], slopes[0], rtol=1e-9)
+
+
+def test_wear_has_three_stages():
+    wear = effect_class("flank_wear")(np.ones(3), 1e-6, 2e-5, 1.0, 5e-6, 50.0)
+    length = np.array([0.0, 5.0, 20.0, 40.0, 60.0, 70.0])
+    land = np.asarray(wear.land_m(length))
+    rate = np.diff(land) / np.diff(length)
+    assert land[0] == 0.0
+    assert rate[0] > 2e-6
+    np.testing.assert_allclose(rate[1:3], 1e-6, rtol=0.1)
+    np.testing.assert_allclose(rate[4], 6e-6, rtol=1e-6)
+
+
+def test_process_damping_opposes_the_plunge_and_fades_with_cutting_speed():
+    damping = effect_class("process_damping")(5e5)
+
+    def force(speed: float, **change: Any) -> np.ndarray:
+        here = slot(
+            4e-5, 1, spindle_speed_rev_s=speed, feed_speed_m_s=4e-5 * speed, angle_rad=np.pi / 2, **change
+        )
+        return np.asarray(force_of(model(1, damping), here) - force_of(model(1), here))
+
+    np.testing.assert_allclose(force(20.0), 0.0, atol=1e-9)
+    into = force(20.0, vibration_x_m_s=0.01)
+    v_c = np.pi * 0.025 * 20.0
+    np.testing.assert_allclose(into, [-5e5 * WIDTH * 0.01 / v_c, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(force(40.0, vibration_x_m_s=0.01), 0.5 * into, atol=1e-9)
+    np.testing.assert_allclose(force(20.0, vibration_y_m_s=0.01), 0.0, atol=1e-9)
+
+
+def test_clogging_sets_in_beyond_a_threshold_and_late_in_the_arc():
+    clogging = effect_class("clogging")(2.0, 1e-6)
+
+    def share(chip: float, angle: float) -> float:
+        here = slot(chip, 1, angle_rad=angle)
+        with_, without = (
+            np.linalg.norm(force_of(m, here)) for m in (model(1, clogging, edge=0.0), model(1, edge=0.0))
+        )
+        return float(with_ / without)
+
+    # area c R (1 - cos th) reaches 1e-6 m^2 at c = 1e-4 for th = 1.37 and never at c = 3e-5
+    assert share(1e-4, 1.3) == pytest.approx(1.0)
+    assert share(1e-4, 2.0) == pytest.approx(1.0 + 2.0 * (1e-4 * 0.0125 * (1 - np.cos(2.0)) / 1e-6 - 1.0))
+    assert share(1e-4, 2.8) > share(1e-4, 2.0) > 1.0
+    assert share(3e-5, 3.0) == pytest.approx(1.0)
+
+
+def test_periodic_material_is_coherent_in_position():
+    """The same positions give the same factor at twice the feed, so the line moves with v / Lam."""
+    weave = effect_class("material_periodicity")(0.4, 5e-3, 0.3)
+    position = np.linspace(0.0, 0.02, 41)
+    here = slot(5e-5, 1, angle_rad=np.full(41, np.pi / 2), position_m=position)
+    ratio = np.asarray(force_of(model(1, weave, edge=0.0), here) / force_of(model(1, edge=0.0), here))[:, 1]
+    np.testing.assert_allclose(ratio, 1.0 + 0.4 * np.cos(2 * np.pi * position / 5e-3 + 0.3), rtol=1e-9)
+    edge_only = force_of(model(1, weave), here) - force_of(model(1, weave, edge=0.0), here)
+    np.testing.assert_allclose(edge_only[:, 1], edge_only[0, 1], rtol=1e-9)
+
+
+def test_layers_step_at_their_place():
+    void = effect_class("layered_material")(-1.0, 0.03, 0.01)
+    position = np.array([0.0, 0.0295, 0.0305, 0.035, 0.0395, 0.0405, 0.1])
+    here = slot(5e-5, 1, angle_rad=np.full(7, np.pi / 2), position_m=position)
+    ratio = np.asarray(force_of(model(1, void), here) / force_of(model(1), here))[:, 1]
+    np.testing.assert_allclose(ratio, [1, 1, 0, 0, 0, 1, 1], atol=1e-9)
+
+
+def test_unbalance_goes_with_the_square_of_the_speed_and_shows_in_air():
+    unbalance = effect_class("unbalance")(2e-5, 0.4)
+    found = []
+    for speed in (20.0, 40.0):
+        air = slot(5e-5, 4, spindle_speed_rev_s=speed, exit_rad=0.0, radial_depth_m=0.0)
+        spectrum = np.abs(np.asarray(lines_of(model(4, unbalance), air, 6, 480)))
+        np.testing.assert_allclose(spectrum[[0, 2, 3, 4, 5]], 0.0, atol=1e-9)
+        found.append(spectrum[1, :2])
+    np.testing.assert_allclose(2 * found[0], 2e-5 * (2 * np.pi * 20.0) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(found[1] / found[0], 4.0, rtol=1e-9)
+
+
+def saw_cut(depth: float, feed: float = 0.0125) -> Cut:
+    return Cut.milling(
+        "conventional",
+        0.05,
+        angle_rad=0.3,
+        spindle_speed_rev_s=19.0,
+        feed_speed_m_s=feed,
+        radial_depth_m=depth,
+        axial_width_m=0.0016,
+    )
+
+
+@pytest.mark.parametrize("teeth", [10, 20])
+def test_side_friction_goes_with_the_engaged_area(teeth: int):
+    """Force and torque against integrals over the segment by brute force; neither feed nor teeth matter."""
+    tool = Tool("slitting_saw", teeth, 0.05)
+    base = ForceModel(tool, model(1).material)
+    rubbing = base.with_effects(effect_class("side_friction")(3000.0))
+    grid = (np.arange(2000) + 0.5) / 2000 * 0.05 - 0.025
+    x, y = np.meshgrid(grid, grid)
+    for depth in (0.001, 0.01, 0.025, 0.04):
+        within = (x**2 + y**2 < 0.025**2) & (y > 0.025 - depth)
+        cell = (0.05 / 2000) ** 2
+        area, moment = 2 * within.sum() * cell, 2 * (np.hypot(x, y) * within).sum() * cell
+        for feed in (0.005, 0.02):
+            here = saw_cut(depth, feed)
+            force = np.asarray(force_of(rubbing, here) - force_of(base, here))
+            np.testing.assert_allclose(force, [-3000.0 * area, 0.0, 0.0], rtol=2e-3, atol=1e-9)
+            torque = torque_of(rubbing, here) - torque_of(base, here)
+            np.testing.assert_allclose(torque, 3000.0 * moment, rtol=2e-3)
+    assert float(force_of(rubbing, saw_cut(0.0))[0]) == 0.0

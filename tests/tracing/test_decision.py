@@ -1,0 +1,96 @@
+"""The four tests an effect must pass before it is named."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting.effects import RadialRunout, SensorResonance, SizeEffect
+from mjx_cutting.tracing.decision import Interval, chance, decide, gain_over_trials, interval
+from mjx_cutting.tracing.heldout import HeldOut
+
+
+def _heldout(error: list[float]) -> HeldOut:
+    share = np.asarray(error)[:, None] * np.ones(3) / 3.0
+    return HeldOut(share, np.full((len(error), 3), 1.0 / 3.0), None, np.arange(len(error)))
+
+
+BEFORE = _heldout([0.10, 0.11, 0.09, 0.10, 0.10])
+BETTER = _heldout([0.01, 0.012, 0.009, 0.011, 0.01])
+DAMPED, UNDAMPED = Interval(0.1, 0.09, 0.11, "1"), Interval(0.005, 0.004, 0.006, "1")
+RUNOUT = {"offset_m": Interval(1e-5, 0.8e-5, 1.2e-5, "m"), "angle_rad": Interval(0.3, 0.2, 0.4, "rad")}
+
+
+def test_a_clear_gain_is_accepted():
+    found = decide(RadialRunout, BEFORE, BETTER, 1e-9, RUNOUT)
+    assert found.accepted
+    assert found.reasons == ()
+    assert found.gain == pytest.approx(np.sqrt(0.1) - np.sqrt(0.0104), abs=1e-12)
+
+
+def test_what_chance_gives_is_refused():
+    assert "chance" in decide(RadialRunout, BEFORE, BETTER, 0.02, RUNOUT).reasons[0]
+
+
+def test_a_gain_too_small_is_refused():
+    hardly = _heldout([0.098, 0.108, 0.089, 0.098, 0.099])
+    assert "held-out" in decide(RadialRunout, BEFORE, hardly, 1e-9, RUNOUT).reasons[0]
+
+
+def test_what_is_below_a_models_own_error_is_refused():
+    tiny = [_heldout([4e-6] * 5), _heldout([3e-6] * 5)]
+    assert "accounts for" in decide(RadialRunout, *tiny, 1e-9, RUNOUT).reasons[0]
+
+
+def test_a_gain_on_one_trial_only_is_refused():
+    lucky = _heldout([0.01, 0.112, 0.091, 0.101, 0.101])
+    assert "two standard errors" in decide(RadialRunout, BEFORE, lucky, 1e-9, RUNOUT).reasons[0]
+
+
+def test_an_interval_that_includes_nothing_is_refused():
+    unsure = dict(RUNOUT, offset_m=Interval(1e-5, -0.1e-5, 2.1e-5, "m"))
+    assert "no effect" in decide(RadialRunout, BEFORE, BETTER, 1e-9, unsure).reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [
+        (SensorResonance, {"frequency_hz": Interval(1500.0, 1490, 1510, "Hz"), "damping": DAMPED}),
+        (SensorResonance, {"frequency_hz": Interval(400.0, 390, 410, "Hz"), "damping": UNDAMPED}),
+        (SizeEffect, {"exponent": Interval(0.599, 0.55, 0.62, "1")}),
+        (SizeEffect, {"exponent": Interval(-0.2, -0.25, -0.15, "1")}),
+    ],
+)  # fmt: skip
+def test_the_edge_of_the_physical_range_is_refused(kind, parameters):
+    assert "physical range" in decide(kind, BEFORE, BETTER, 1e-9, parameters).reasons[0]
+
+
+def test_chance_counts_the_tries_and_believes_no_model_below_its_tolerance():
+    one = chance(drop=30.0, added=1, spread=1.0, floor=0.0, freedom=200, tries=1)
+    assert chance(drop=30.0, added=1, spread=1.0, floor=0.0, freedom=200, tries=31) == pytest.approx(31 * one)
+    assert chance(drop=30.0, added=1, spread=1.0, floor=5.0, freedom=200, tries=31) == 1.0
+    assert chance(drop=-1.0, added=1, spread=1.0, floor=0.0, freedom=200, tries=1) == 1.0
+
+
+def test_interval_is_a_jackknife_over_folds():
+    whole, folds = 10.0, np.array([9.0, 10.0, 11.0, 10.0])
+    found = interval(SizeEffect, "exponent", whole, folds)
+    error = np.sqrt(3 / 4 * np.sum((folds - folds.mean()) ** 2))
+    assert found.high - found.value == pytest.approx(3.182446 * error, rel=1e-5)
+    assert interval(SizeEffect, "exponent", whole, folds, laplace=9.0).high > 30.0
+
+
+def test_an_angle_does_not_jump_at_a_half_turn():
+    found = interval(RadialRunout, "angle_rad", 3.1, np.array([3.1, -3.1, 3.12, 3.08]))
+    assert found.high - found.low < 1.0
+
+
+def test_gain_of_two_trials_has_no_standard_error():
+    pair = [
+        dataclasses.replace(each, error_n2=each.error_n2[:2], energy_n2=each.energy_n2[:2])
+        for each in (BEFORE, BETTER)
+    ]
+    gain, error = gain_over_trials(*pair)
+    assert gain > 0 and np.isnan(error)

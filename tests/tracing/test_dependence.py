@@ -1,0 +1,74 @@
+"""A residual's dependence is found where it is and not where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing.dependence import dependences
+from mjx_cutting.tracing.prediction import Prediction
+
+
+@pytest.fixture(scope="module")
+def dataset(mill):
+    return mill()
+
+
+def _left(dataset, added, seed=0) -> list[Prediction]:
+    """Predictions whose residual is white noise plus `added(time, angle, index)`."""
+    generator = np.random.default_rng(seed)
+    found = []
+    for index, trial in enumerate(dataset.trials):
+        angle = 2 * np.pi * trial.spindle_speed_rev_s * trial.time_s
+        noise = generator.normal(size=trial.force_n.shape)
+        extra = np.zeros_like(noise) + np.asarray(added(trial.time_s, angle, index)).reshape(len(angle), -1)
+        found.append(
+            Prediction(
+                trial.file,
+                trial.time_s,
+                angle,
+                trial.force_n,
+                trial.force_n - noise - extra,
+                40.0,
+                np.zeros(3),
+            )
+        )
+    return found
+
+
+def _coloured(seed: int, length: int) -> np.ndarray:
+    white = np.random.default_rng(100 + seed).normal(size=length)
+    return np.convolve(white, np.ones(8) / 2)[:length]
+
+
+def _found(dataset, added, seed=0) -> set[str]:
+    tests = dependences(dataset, _left(dataset, added, seed), teeth=4, orders=12)
+    return {each.covariate for each in tests if each.found}
+
+
+def test_white_noise_depends_on_nothing(dataset):
+    wrong = [_found(dataset, lambda t, a, i: 0 * t, seed) for seed in range(20)]
+    assert wrong == [set()] * 20
+
+
+@pytest.mark.parametrize(
+    ("covariate", "added"),
+    [
+        ("spindle order", lambda t, a, i: np.cos(a + i)),
+        ("tooth phase", lambda t, a, i: np.cos(4 * a + i)),
+        ("time in trial", lambda t, a, i: 3 * t / t[-1]),
+        ("previous force", lambda t, a, i: _coloured(i, len(t))),
+    ],
+)  # fmt: skip
+def test_each_covariate_is_told(dataset, covariate, added):
+    assert covariate in _found(dataset, added)
+
+
+def test_a_tie_between_axes_is_told(dataset):
+    generator = np.random.default_rng(5)
+
+    def both(time, angle, index):
+        common = generator.normal(size=len(time))
+        return np.stack([common, common, 0 * common], axis=1)
+
+    assert _found(dataset, both) == {"another axis"}

@@ -1,0 +1,90 @@
+"""The base model's constants, and an effect's size, come back from trials made apart from the force path."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting.effects import RadialRunout
+from mjx_cutting.tracing.fit import base_starts, effect_starts, fit, freedom, reweighted, spread
+from mjx_cutting.tracing.heldout import folds, held_out
+from mjx_cutting.tracing.lines import compress, trusted_band
+from mjx_cutting.tracing.problem import out_of_range, pose, residual
+from mjx_cutting.trials.synthetic import Hidden
+
+
+@pytest.fixture(scope="module")
+def clean(mill):
+    with jax.enable_x64(True):
+        dataset = mill()
+        lines = compress(dataset, trusted_band(dataset, None))
+        problem = pose(dataset, lines)
+        problem = reweighted(problem, fit(problem, (), base_starts(problem)))
+        yield dataset, lines, problem, fit(problem, (), base_starts(problem))
+
+
+def test_constants_come_back(clean, mill_sheet):
+    *_, found = clean
+    material = found.model.material
+    np.testing.assert_allclose(material.chip_n_m2, mill_sheet.chip_n_m2, rtol=0.02)
+    np.testing.assert_allclose(material.edge_n_m, mill_sheet.edge_n_m, rtol=0.05)
+
+
+def test_what_is_left_is_the_noise(clean):
+    dataset, lines, problem, found = clean
+    assert spread(problem, found) == pytest.approx(1.0, abs=0.05)
+    assert freedom(problem, found) > 100
+    error = held_out(problem, lines, (), found, folds(dataset, 0))
+    noise = np.sqrt(lines.rest_n2.sum() / lines.energy_n2.sum())
+    assert error.nrmse == pytest.approx(noise, rel=0.25)
+
+
+def test_error_by_lines_equals_error_by_samples(clean):
+    from mjx_cutting.tracing.prediction import predictions
+
+    dataset, lines, problem, found = clean
+    by_samples = [np.sum(p.residual_n**2) for p in predictions(dataset, lines, problem, found.model)]
+    by_lines = found.error_n2.sum(axis=1) + lines.rest_n2.sum(axis=1)
+    np.testing.assert_allclose(by_samples, by_lines, rtol=1e-3)
+
+
+def test_residual_does_not_depend_on_where_a_trial_begins(clean):
+    import dataclasses
+
+    dataset, _, problem, found = clean
+    later = [
+        dataclasses.replace(trial, time_s=trial.time_s[:-700], force_n=trial.force_n[700:])
+        for trial in dataset.trials
+    ]
+    moved = dataclasses.replace(dataset, trials=tuple(later))
+    lines = compress(moved, trusted_band(moved, None))
+    again = residual(pose(moved, lines), found.x, ())
+    per_sample = np.sqrt(np.asarray(again.remaining_n**2).sum() / lines.samples.sum())
+    before = np.sqrt(
+        np.asarray(residual(problem, found.x, ()).remaining_n ** 2).sum() / (lines.samples + 700).sum()
+    )
+    assert per_sample == pytest.approx(before, rel=0.3)
+
+
+def test_range_is_zero_inside_and_grows_outside(clean):
+    _, _, problem, found = clean
+    inside = out_of_range(problem, np.concatenate([found.x, [0.3, 0.0]]), (RadialRunout,))
+    outside = out_of_range(problem, np.concatenate([found.x, [15.0, 0.0]]), (RadialRunout,))
+    assert not np.any(inside)
+    assert np.max(outside) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_runout_comes_back_with_its_direction(mill):
+    with jax.enable_x64(True):
+        dataset = mill(Hidden(runout_m=6e-6, runout_angle_rad=0.7))
+        lines = compress(dataset, trusted_band(dataset, None))
+        problem = pose(dataset, lines)
+        base = fit(problem, (), base_starts(problem))
+        found = fit(problem, (RadialRunout,), effect_starts(problem, RadialRunout, base.x))
+        runout = found.model.effects[0]
+        assert float(runout.offset_m) == pytest.approx(6e-6, rel=0.03)
+        # the direction is known modulo a tooth, because the phase of a trial is free
+        apart = (float(runout.angle_rad) - 0.7) / (2 * np.pi / 4)
+        assert abs(apart - round(apart)) < 0.05
+        assert float(found.squares) < 0.02 * float(base.squares)

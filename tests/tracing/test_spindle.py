@@ -1,0 +1,51 @@
+"""The spindle speed found from a force record."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing.spindle import spindle_angle, spindle_speed
+from mjx_cutting.trials.dataset import Trial
+
+
+def _tone(true_rev_s: float, rate_hz: float, seconds: float, order: int, noise: float) -> Trial:
+    time = np.arange(int(rate_hz * seconds)) / rate_hz
+    wave = np.cos(2 * np.pi * order * true_rev_s * time + 0.4)
+    force = np.stack([wave, 0.3 * wave, 0 * wave], axis=1)
+    force = force + noise * np.random.default_rng(0).normal(size=force.shape)
+    return Trial(
+        file="t.csv", kind="cut", milling="slot", spindle_speed_rev_s=20.0, feed_speed_m_s=0.01,
+        radial_depth_m=0.01, axial_width_m=0.001, time_s=time, force_n=force,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("deviation", [-0.009, -0.0013, 0.0, 0.0071])
+def test_speed_off_nominal_is_found(deviation):
+    true = 20.0 * (1.0 + deviation)
+    found = spindle_speed(_tone(true, 1000.0, 4.0, order=3, noise=0.5), teeth=3)
+    # Cramer-Rao bound sqrt(6) sigma / (pi A order T sqrt(n)) = 5e-4 rev/s; twice that is allowed
+    assert abs(found - true) < 1e-3
+
+
+def test_a_line_folded_by_sampling_is_found():
+    true = 19.0 * 1.004
+    trial = dataclasses.replace(_tone(true, 500.0, 5.0, order=20, noise=0.2), spindle_speed_rev_s=19.0)
+    assert abs(spindle_speed(trial, teeth=20) - true) < 1e-3
+
+
+def test_a_measured_angle_is_believed():
+    trial = _tone(20.1, 1000.0, 2.0, order=1, noise=0.1)
+    angle = 2 * np.pi * 20.05 * trial.time_s + 0.7
+    measured = dataclasses.replace(trial, spindle_angle_rad=np.mod(angle, 2 * np.pi))
+    assert spindle_speed(measured, teeth=1) == pytest.approx(20.05, abs=1e-6)
+    np.testing.assert_allclose(
+        spindle_angle(measured, 1.0) - angle, spindle_angle(measured, 1.0)[0] - angle[0], atol=1e-9
+    )
+
+
+def test_silence_keeps_the_nominal_speed():
+    trial = _tone(20.0, 1000.0, 1.0, order=1, noise=0.0)
+    assert spindle_speed(dataclasses.replace(trial, force_n=np.zeros((1000, 3))), teeth=2) == 20.0
