@@ -95,7 +95,7 @@ def _summary(gp: DisturbanceGP) -> str:
     lines = [f"period {gp.period_s:.6g} s ({gp.frequency_hz:.6g} Hz) over {gp.trials} trials"]
     for i, axis in enumerate(gp.axes):
         lines.append(
-            f"  {axis}: {gp.amplitude_n[i]:.3g} N common, {gp.trial_amplitude_n[i]:.3g} N of a trial's own, "
+            f"  {axis}: {gp.common_std_n[i]:.3g} N common, {gp.trial_std_n[i]:.3g} N of a trial's own, "
             f"{gp.noise_std_n[i]:.3g} N noise; length {gp.length[i]:.3g}"
         )
     return "\n".join(lines)

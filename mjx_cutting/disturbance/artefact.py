@@ -26,6 +26,8 @@ _UNITS = {
     "trial_length": "1",
     "trial_amplitude_n": "N",
     "noise_std_n": "N",
+    "common_std_n": "N, prior deviation of the common process, its constant bounded",
+    "trial_std_n": "N, prior deviation of a trial's own process, its constant bounded",
     "weights_mean_n": "N, of [1, cos 2 pi j f t, sin 2 pi j f t], j = 1 .. J",
     "weights_factor_n": "N, C C' is the covariance of the common process's weights",
     "weights_trial_factor_n": "N, C C' is the covariance of a new trial's weights",

@@ -116,9 +116,8 @@ def explained(gp: Any, statistics: Statistics) -> dict[str, Any]:
     )
     visible = search.visible_harmonics(gp.frequency_hz, statistics.nyquist_hz, gp.harmonics)
     repeats = max(1, len(gp.slow_nodes_s))
-    first, second = (
-        np.repeat(p, repeats, axis=1) for p in search.prior_variances(hyper, gp.harmonics, visible)
-    )
+    both = search.prior_variances(hyper, gp.harmonics, visible, statistics.largest_constant)
+    first, second = (np.repeat(p, repeats, axis=1) for p in both)
     ahead = forecast.foretold(statistics, phi, (first, second), hyper.noise)
     shares = {
         "common": forecast.share(statistics, common, everywhere),
@@ -239,7 +238,7 @@ def _condition(train: Statistics, found: Found, harmonics: int) -> weights.Weigh
     h = found.hyper
     phi = fourier(train.time_s, float(h.frequency_hz), harmonics)
     seen = search.visible_harmonics(found.start_hz, train.nyquist_hz, harmonics)
-    priors = search.prior_variances(h, harmonics, seen)
+    priors = search.prior_variances(h, harmonics, seen, train.largest_constant)
     return weights.condition(phi, train.residual, priors, h.noise, train.effects != "pooled")
 
 

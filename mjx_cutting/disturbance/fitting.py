@@ -24,6 +24,7 @@ STARTS = 32
 EFFECT_STARTS = 4
 MOST_HARMONICS = 64
 MIN_PERIODS = 2.0
+LOOSE = 2.0  # times the residual: a new trial's band beyond that is not what the trials show
 LEFT_TO_GAIN = 0.05  # nats: above it the search counts as unfinished
 
 
@@ -99,6 +100,7 @@ def fit(
         if quasi_periodic:
             gp, warning = _drifting(gp, statistics, found)
             warnings += warning
+        warnings += _loose_warnings(gp, statistics)
         if diagnose:
             from mjx_cutting.disturbance import diagnostics
 
@@ -246,8 +248,9 @@ def _assemble(
     effects = statistics.effects != "pooled"
     features = fourier(statistics.time_s, float(h.frequency_hz), harmonics)
     seen = search.visible_harmonics(found.start_hz, statistics.nyquist_hz, harmonics)
-    priors = search.prior_variances(h, harmonics, seen)
+    priors = search.prior_variances(h, harmonics, seen, statistics.largest_constant)
     posterior = weights.condition(features, statistics.residual, priors, h.noise, effects)
+    common, own = _deviations(priors, harmonics)
     return DisturbanceGP(
         axes=names,
         frequency_hz=float(h.frequency_hz),
@@ -256,6 +259,8 @@ def _assemble(
         trial_length=h.trial_length,
         trial_amplitude_n=h.trial_amplitude * scale,
         noise_std_n=h.noise * scale,
+        common_std_n=common * scale,
+        trial_std_n=own * scale,
         harmonics=harmonics,
         weights_mean_n=posterior.mean * scale[:, None],
         weights_factor_n=posterior.factor * scale[:, None, None],
@@ -274,6 +279,26 @@ def _assemble(
     )
 
 
+def _deviations(priors: tuple[NDArray, NDArray], harmonics: int) -> tuple[NDArray, NDArray]:
+    """Returns the deviations [A], [A] of both processes at any one time, from diag S_0 and diag S_1."""
+    common, own = (np.sqrt(each[:, : harmonics + 1].sum(1)) for each in priors)
+    return common, own
+
+
+def _loose_warnings(gp: DisturbanceGP, statistics: Statistics) -> list[str]:
+    """Warns of an axis on which a new trial's band is far wider than the trials themselves."""
+    _, deviation = gp.predict(statistics.time_s)
+    band = np.sqrt(np.mean(deviation**2, 0))
+    size = statistics.scale * np.sqrt(np.nanmean(statistics.residual**2, (0, 1)))
+    return [
+        f"on axis {name} a new trial's standard deviation is {b:.3g} N where the trials themselves are "
+        f"{s:.3g} N (root mean square): they do not fix how much trials differ. Use more trials, or fit them "
+        "as one process (trial_effects=False)"
+        for name, b, s in zip(gp.axes, band, size, strict=True)
+        if b > LOOSE * s
+    ]
+
+
 def _drifting(gp: DisturbanceGP, statistics: Statistics, found: Found) -> tuple[DisturbanceGP, list[str]]:
     """Returns the process with a slow factor, started from the periodic one."""
     from mjx_cutting.disturbance import quasiperiodic
@@ -285,7 +310,8 @@ def _drifting(gp: DisturbanceGP, statistics: Statistics, found: Found) -> tuple[
         statistics.time_s, float(h.frequency_hz), harmonics, nodes, drift.slow_length_s
     )
     seen = search.visible_harmonics(found.start_hz, statistics.nyquist_hz, harmonics)
-    common, own = search.prior_variances(h, harmonics, seen)
+    common, own = search.prior_variances(h, harmonics, seen, statistics.largest_constant)
+    first, second = _deviations((common, own), harmonics)
     priors = (np.repeat(common, len(nodes), axis=1), np.repeat(own, len(nodes), axis=1))
     posterior = weights.condition(phi, statistics.residual, priors, h.noise, gp.trial_effects)
     drifted = dataclasses.replace(
@@ -296,6 +322,8 @@ def _drifting(gp: DisturbanceGP, statistics: Statistics, found: Found) -> tuple[
         trial_length=h.trial_length,
         trial_amplitude_n=h.trial_amplitude * scale,
         noise_std_n=h.noise * scale,
+        common_std_n=first * scale,
+        trial_std_n=second * scale,
         harmonics=harmonics,
         weights_mean_n=posterior.mean * scale[:, None],
         weights_factor_n=posterior.factor * scale[:, None, None],

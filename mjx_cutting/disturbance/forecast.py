@@ -44,7 +44,7 @@ def foretold(statistics: Statistics, features: Real, priors: tuple[Real, Real], 
 
 
 def share(statistics: Statistics, fitted: Real, where: NDArray) -> tuple[Real, float]:
-    """Returns the share of energy that `fitted` [R, N, A] (scaled) explains `where` [R, N]: by axis, in all."""
+    """Returns the share of energy that `fitted` [R, N, A] (scaled) explains `where` [R, N]: by axis, all."""
     kept = where[..., None] & np.isfinite(statistics.residual)
     y = np.where(kept, statistics.residual, 0.0)
     error = np.where(kept, (y - fitted) ** 2, 0.0)
@@ -74,5 +74,6 @@ def _foretells(found: Found, statistics: Statistics, harmonics: int) -> float:
     h = found.hyper
     seen = search.visible_harmonics(found.start_hz, statistics.nyquist_hz, harmonics)
     phi = fourier(statistics.time_s, float(h.frequency_hz), harmonics)
-    ahead = foretold(statistics, phi, search.prior_variances(h, harmonics, seen), h.noise)
+    priors = search.prior_variances(h, harmonics, seen, statistics.largest_constant)
+    ahead = foretold(statistics, phi, priors, h.noise)
     return share(statistics, ahead, last_third(statistics))[1]

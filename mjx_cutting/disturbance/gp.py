@@ -37,6 +37,10 @@ class DisturbanceGP:
     trial_length: Real  # [A] l of a trial's own process
     trial_amplitude_n: Real  # [A] s of a trial's own process, N; 0 without trial effects
     noise_std_n: Real  # [A] N
+    common_std_n: (
+        Real  # [A] N, of the common process before any trial: s less what the constant's bound takes
+    )
+    trial_std_n: Real  # [A] N, likewise of a trial's own process
     harmonics: int  # J
     weights_mean_n: Real  # [A, m] N
     weights_factor_n: Real  # [A, m, m] N

@@ -34,7 +34,7 @@ def hessian(
         jnp.asarray(found.start_hz),
         jnp.asarray(found.reach_hz),
         jnp.asarray(shortest_length(harmonics)),
-        rows_of(statistics),
+        rows_of(statistics, constants=True),
     )
     gradient = _gradient(statistics.effects, harmonics)
     slopes = np.stack([np.asarray(gradient(jnp.asarray(point), *fixed)[1]) for point in points])
@@ -51,8 +51,8 @@ def standard_errors(found: Found, statistics: Statistics, harmonics: int) -> dic
     """Returns standard errors: frequency_hz, period_s, and lists over axes of relative errors.
 
     inf where the trials do not fix a direction (a process whose amplitude went to zero, say). "gain_nats" is
-    what a Newton step from the optimum would still gain: far below 1 where the search has converged; "unit" is
-    |diag H|^-1/2 in the search's variables, for another search from there.
+    what a Newton step from the optimum would still gain: far below 1 where the search has converged; "unit"
+    is |diag H|^-1/2 in the search's variables, for another search from there.
     """
     H, gradient = hessian(found, statistics, harmonics)
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(H)), 1e-3))
@@ -64,7 +64,8 @@ def standard_errors(found: Found, statistics: Statistics, harmonics: int) -> dic
     variance = np.array([np.sum(v[k] ** 2 * spread[k]) for v, k in zip(vector, loaded, strict=True)])
     errors = np.sqrt(variance) * scale
     axes = statistics.axes
-    frequency = float(errors[0] * (1.0 - np.tanh(found.variables[0]) ** 2) * found.reach_hz)
+    slope = (1.0 - np.tanh(found.variables[0]) ** 2) * found.reach_hz
+    frequency = float(errors[0] * slope) if np.isfinite(errors[0]) else float("inf")
     names = ["length", "amplitude_n"]
     if statistics.effects != "pooled":
         names += ["trial_length", "trial_amplitude_n"]

@@ -40,6 +40,7 @@ class Rows(NamedTuple):
     square: Array  # [A]
     samples: Array  # [] of each axis
     nyquist_hz: Array  # [] half the sample rate; inf for uneven stamps
+    log_constant: Array  # [2, A] logarithm of the variance bounding each process's constant; large: none
 
 
 class Hyper(NamedTuple):
@@ -246,6 +247,12 @@ def unseen(frequency: ArrayLike, nyquist_hz: ArrayLike, harmonics: int) -> Array
     return jnp.where(orders * frequency > 1.001 * jnp.asarray(nyquist_hz), _NEVER, 0.0)
 
 
+def bounded(log_prior: Array, log_constant: Array) -> Array:
+    """Returns log priors [A, 2 J + 1] whose constant's variance stays below exp(log_constant) [A]."""
+    first = log_prior[:, 0]
+    return log_prior.at[:, 0].set(first - 0.5 * jnp.log1p(jnp.exp(2.0 * (first - log_constant))))
+
+
 def log_likelihood(hyper: Hyper, rows: Rows, effects: str, harmonics: int, hidden: ArrayLike = 0.0) -> Array:
     """Returns log p of all samples on all axes (float64), in nats.
 
@@ -257,7 +264,8 @@ def log_likelihood(hyper: Hyper, rows: Rows, effects: str, harmonics: int, hidde
         hidden: added to the log prior [2 J + 1], from `unseen`; 0: the kernel as it is.
     """
     G, b = grams(hyper.frequency_hz, rows, harmonics)
-    common = own = log_prior(hyper.length, hyper.amplitude, harmonics) + hidden
+    common = own = bounded(log_prior(hyper.length, hyper.amplitude, harmonics), rows.log_constant[0]) + hidden
     if effects != "pooled":
-        own = log_prior(hyper.trial_length, hyper.trial_amplitude, harmonics) + hidden
+        own = log_prior(hyper.trial_length, hyper.trial_amplitude, harmonics)
+        own = bounded(own, rows.log_constant[1]) + hidden
     return from_grams(effects, G, b, (common, own), hyper.noise, rows)

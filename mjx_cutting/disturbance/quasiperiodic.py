@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting import _platform
 from mjx_cutting.disturbance.kernel import AbstractFiniteRank, fourier, log_prior, periodic_features
-from mjx_cutting.disturbance.likelihood import Hyper, Rows, from_grams, unseen
+from mjx_cutting.disturbance.likelihood import Hyper, Rows, bounded, from_grams, unseen
 from mjx_cutting.disturbance.search import STEPS, TOLERANCE, Found, decode, rows_of, units
 from mjx_cutting.disturbance.statistics import Statistics
 
@@ -108,10 +108,11 @@ def _objective(effects: str, harmonics: int) -> Callable:
         G = jax.lax.map(lambda w: (basis * w[:, None]).T @ basis, rows.weights)
         hidden = unseen(start_hz, rows.nyquist_hz, harmonics)
         repeat = functools.partial(jnp.repeat, repeats=nodes.shape[0], axis=-1)
-        common = repeat(log_prior(hyper.length, hyper.amplitude, harmonics) + hidden)
-        own = common
+        first = bounded(log_prior(hyper.length, hyper.amplitude, harmonics), rows.log_constant[0])
+        common = own = repeat(first + hidden)
         if effects != "pooled":
-            own = repeat(log_prior(hyper.trial_length, hyper.trial_amplitude, harmonics) + hidden)
+            second = log_prior(hyper.trial_length, hyper.trial_amplitude, harmonics)
+            own = repeat(bounded(second, rows.log_constant[1]) + hidden)
         return -from_grams(effects, G, rows.sums @ basis, (common, own), hyper.noise, rows)
 
     value = jax.custom_batching.sequential_vmap(raw)
@@ -195,7 +196,7 @@ def optimise(statistics: Statistics, periodic: Found, harmonics: int, shortest: 
         jnp.asarray(unit),
         tuple(jnp.asarray(v) for v in fixed),
         jnp.asarray(nodes),
-        rows_of(statistics),
+        rows_of(statistics, constants=True),
         statistics.effects,
         harmonics,
     )

@@ -37,6 +37,7 @@ _LEAST_NOISE = 1e-5  # of an axis's spread: below it the samples count as noise-
 _LEAST_AMPLITUDE = 1e-6  # of an axis's spread: below it a process counts as absent
 _CHUNK = 128  # frequencies scanned by one call
 _LONGEST = 30.0  # l: beyond it the kernel is a constant and one cosine, and only s / l counts
+_UNBOUNDED = 300.0  # logarithm of a variance that bounds nothing
 _SCAN_NOISE = 0.05  # of an axis's spread: keeps the peaks of nearly noise-free data wider than the grid
 
 
@@ -54,10 +55,17 @@ class Found:
     finite: int
 
 
-def rows_of(statistics: Statistics) -> Rows:
-    """Returns the arrays the likelihood reads (to be called with float64 switched on)."""
+def rows_of(statistics: Statistics, constants: bool = False) -> Rows:
+    """Returns the arrays the likelihood reads (to be called with float64 switched on).
+
+    Args:
+        statistics: the trials.
+        constants: bound the constants of the processes by `Statistics.largest_constant`, as the search does;
+            without, the kernel is as it is written.
+    """
     s = statistics
-    rows = (s.time_s, s.weights, s.sums, s.square, float(s.count), s.nyquist_hz)
+    most = 2.0 * np.log(s.largest_constant) if constants else np.full((2, s.axes), _UNBOUNDED)
+    rows = (s.time_s, s.weights, s.sums, s.square, float(s.count), s.nyquist_hz, most)
     return Rows(*(jnp.asarray(a, jnp.float64) for a in rows))
 
 
@@ -153,14 +161,17 @@ def visible_harmonics(start_hz: float, nyquist_hz: float, harmonics: int) -> int
 
 
 def prior_variances(
-    hyper: Hyper, harmonics: int, visible: int
+    hyper: Hyper, harmonics: int, visible: int, constant: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns diag S_0 and diag S_1, each [A, 2 J + 1], with the harmonics above `visible` left out."""
+    """Returns diag S_0 and diag S_1, each [A, 2 J + 1], with the harmonics above `visible` left out and the
+    constants' deviations bounded by `constant` [2, A], as in `likelihood.bounded`."""
     orders = np.concatenate([np.arange(harmonics + 1), np.arange(1, harmonics + 1)])
     seen = orders <= visible
     common = zip(hyper.length, hyper.amplitude, strict=True)
     own = zip(hyper.trial_length, hyper.trial_amplitude, strict=True)
     both = [np.stack([s**2 * prior(l, harmonics) * seen for l, s in each]) for each in (common, own)]
+    for variances, most in zip(both, constant, strict=True):
+        variances[:, 0] /= np.sqrt(1.0 + (variances[:, 0] / most**2) ** 2)
     return both[0], both[1]
 
 
@@ -266,7 +277,7 @@ def minimise(
         jnp.asarray(start_hz),
         jnp.asarray(reach),
         jnp.asarray(shortest),
-        rows_of(statistics),
+        rows_of(statistics, constants=True),
         statistics.effects,
         harmonics,
         steps,

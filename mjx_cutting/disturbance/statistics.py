@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_STAMPS = 8
+CONSTANT_FACTOR = 3.0
+LEAST_CONSTANT = 0.03  # of an axis's spread: how well means over a few periods tell a constant
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,22 @@ class Statistics:
     def uniform(self) -> bool:
         step = np.diff(self.time_s)
         return bool(np.max(np.abs(step - step.mean())) < 1e-6 * step.mean())
+
+    @property
+    def largest_constant(self) -> NDArray[np.float64]:
+        """The largest standard deviation [2, A] (scaled) that the constant of the common process and that of
+        a trial's own process may have: `CONSTANT_FACTOR` times what the trials' means show.
+
+        The periodic kernel ties its constant to its other harmonics: one that is nearly a cosine (large l)
+        has a constant many times larger. A force sensor's bias is taken off each trial, so its constants are
+        small; without a bound the band of a new trial is that of the constant the kernel asks for. Up to the
+        bound the prior is the kernel's; a normal prior this much wider than the values seen is never
+        likelier than the bounded one.
+        """
+        means = np.nanmean(self.residual, axis=1)  # [R, A]
+        own = means.var(0, ddof=1) if self.trials > 1 else np.zeros(self.axes)
+        shown = np.stack([means.mean(0) ** 2, own]) + LEAST_CONSTANT**2
+        return CONSTANT_FACTOR * np.sqrt(shown)
 
     def subset(self, trials: NDArray[np.int_] | list[int]) -> Statistics:
         """Returns the statistics of some of the trials, on the same scale."""

@@ -205,6 +205,8 @@ def facts(gp: DisturbanceGP) -> dict[str, Any]:
         "trial_length",
         "trial_amplitude_n",
         "noise_std_n",
+        "common_std_n",
+        "trial_std_n",
         "slow_length_s",
         "harmonics",
         "standard_errors",

@@ -23,6 +23,8 @@ def _gp():
         trial_length=np.array([0.5, 0.6]),
         trial_amplitude_n=np.array([0.1, 0.2]),
         noise_std_n=np.array([0.3, 0.4]),
+        common_std_n=np.array([0.9, 1.9]),
+        trial_std_n=np.array([0.1, 0.2]),
         harmonics=4,
         weights_mean_n=rng.normal(size=(2, m)),
         weights_factor_n=np.stack([np.eye(m)] * 2),

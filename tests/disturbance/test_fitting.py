@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import mjx_cutting.disturbance as disturbance
-from mjx_cutting.disturbance import search
+from mjx_cutting.disturbance import fitting, search
 from mjx_cutting.disturbance.likelihood import Hyper, log_likelihood
 from mjx_cutting.disturbance.statistics import reduce
 
@@ -110,6 +111,33 @@ def test_one_trial_and_pooled(simulate):
     mean, spread = gp.predict(drawn.time_s)
     assert np.mean(np.abs(mean[:, 0] - drawn.common_n[:, 0]) < 2 * spread[:, 0]) > 0.8
     np.testing.assert_array_equal(gp.predict(drawn.time_s, "function")[0], mean)
+
+
+def test_trials_without_a_common_part_keep_their_size():
+    """The bands are those of the trials, not of the constant that a nearly sinusoidal kernel asks for."""
+    rng = np.random.default_rng(0)
+    time = np.arange(500) * 0.01
+    phase = rng.uniform(0.0, 2.0 * np.pi, (6, 1, 1))
+    wave = 3.0 * np.sin(2.0 * np.pi * 2.1 * time[None, :, None] + phase)
+    residual = wave + 0.3 * rng.normal(size=(6, 500, 2))
+    gp = disturbance.fit(time, residual, frequency_range_hz=(0.8, 5.0), diagnose=False)
+    _, spread = gp.predict(time)
+    size = 3.0 / np.sqrt(2.0)
+    np.testing.assert_allclose(spread.mean(0), size, rtol=0.3)
+    np.testing.assert_allclose(gp.trial_std_n, size, rtol=0.3)
+    assert np.max(gp.common_std_n) < 0.1 * size and not gp.warnings
+    lifted = disturbance.fit(time, residual + 4.0, frequency_range_hz=(0.8, 5.0), diagnose=False)
+    mean, spread = lifted.predict(time)
+    np.testing.assert_allclose(mean.mean(0), 4.0, rtol=0.05)  # a constant that is there stays
+    np.testing.assert_allclose(spread.mean(0), size, rtol=0.3)
+
+
+def test_a_band_wider_than_the_trials_is_said(fitted):
+    drawn, gp = fitted
+    wide = dataclasses.replace(gp, weights_trial_factor_n=9.0 * gp.weights_trial_factor_n)
+    reduced = reduce(drawn.time_s, drawn.residual_n)
+    said = fitting._loose_warnings(wide, reduced)
+    assert len(said) == 2 and "Use more trials" in said[0] and not fitting._loose_warnings(gp, reduced)
 
 
 @pytest.mark.slow

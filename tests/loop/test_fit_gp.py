@@ -74,7 +74,7 @@ def test_without_a_model_the_measured_angle_is_the_clock(written):
     assert fitted.gp.frequency_hz == pytest.approx(SPEED, rel=1e-3)
     assert stages[-1] == "writing" and "fitting the disturbance" in stages
     # the disturbance is in phase in all trials once they share the angle
-    assert np.max(fitted.gp.trial_amplitude_n) < 0.2 * np.max(fitted.gp.amplitude_n)
+    assert np.max(fitted.gp.trial_std_n) < 0.2 * np.max(fitted.gp.common_std_n)
     mean, _ = fitted.gp.predict(np.arange(80) / RATE)
     assert np.max(np.abs(mean[:, 0])) == pytest.approx(20.0, rel=0.05)
 
