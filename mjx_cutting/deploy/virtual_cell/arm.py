@@ -16,6 +16,7 @@ from importlib import resources
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
 
 Array = NDArray[np.float64]
 STEP_S = 1e-3
@@ -88,8 +89,8 @@ class Arm:
         wish[:3] = gain_s2 * (goal_m - tip) + 2.0 * np.sqrt(gain_s2) * (goal_m_s - speed[:3])
         wish[3:] = self._angular_gain * self._tilt() - 2.0 * np.sqrt(self._angular_gain) * speed[3:]
         wish += ELBOW_DAMPING_S * speed
-        spread = np.linalg.solve(links, self._jacobian.T)
-        wrench = np.linalg.solve(self._jacobian @ spread, wish)
+        spread = dposv(links, self._jacobian.T)[1]
+        wrench = dposv(self._jacobian @ spread, wish)[1]
         torque = self._jacobian.T @ wrench - ELBOW_DAMPING_S * (links @ data.qvel) + data.qfrc_bias
         given = np.minimum(np.maximum(torque, -self._limit), self._limit)
         self.saturated = bool(np.any(given != torque))
@@ -108,7 +109,7 @@ class Arm:
     def sound(self) -> bool:
         """Whether the state is finite and every joint inside its range."""
         q, limits = self.data.qpos, self.model.jnt_range
-        return bool(np.isfinite(q).all() and (q > limits[:, 0]).all() and (q < limits[:, 1]).all())
+        return bool(np.all((q > limits[:, 0]) & (q < limits[:, 1])))
 
     def _read(self) -> None:
         mujoco.mj_kinematics(self.model, self.data)

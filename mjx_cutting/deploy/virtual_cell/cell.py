@@ -7,6 +7,7 @@ the sensor leaves as a STATE. Process axes to base axes: x_b = z_p, y_b = -x_p, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ from mjx_cutting.deploy.virtual_cell.structure import Structure
 Array = NDArray[np.float64]
 TICK_NS = 1_000_000
 SLOTS = 8
+_TURN = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+_MEAN = np.full(SLOTS, 1.0 / SLOTS)
 TOO_MUCH_N, TOO_FAR_M = 400.0, 0.2
 """Load and path error at which the robot's own supervision stops it, whatever the server thinks."""
 
@@ -83,7 +86,9 @@ class Cell:
         self._draw = np.random.default_rng(config.seed)
         self._wires = [Wire(effects.network, config.seed + 2 + k) for k in range(2)]
         self.clock_s, self.cut_length_m, self._sessions = 0.0, 0.0, 0
-        self._batch = np.array([effects.resistance.chip, effects.resistance.edge])
+        self._chip = effects.resistance.chip * np.asarray(self.sheet.chip_n_m2)
+        self._edge = effects.resistance.edge * np.asarray(self.sheet.edge_n_m)
+        self._growth = effects.wear.per_m * np.array([1.0, effects.wear.radial_ratio, 1.0])
         self.follower = Follower(config.approach_m + config.cut_m)
         self.new_trial()
 
@@ -152,10 +157,10 @@ class Cell:
         chip, edge = self._resistance(along)
         sweep = self.saw.step((ahead[0] - along, ahead[1] - up), along, depth, chip, edge)
         self._used = ahead
-        mean = sweep.force_n.mean(axis=0)
+        mean = _MEAN @ sweep.force_n
         self._load = _to_base(mean)
         radius = 0.5 * config.diameter_m
-        sine, cosine = np.sin(sweep.arm_rad), np.cos(sweep.arm_rad)
+        sine, cosine = math.sin(sweep.arm_rad), math.cos(sweep.arm_rad)
         self._lever = np.array([0.0, -radius * sine, radius * (1.0 - cosine)]) if sweep.contact else np.zeros(3)
         self.structure.step(mean[:2])
         wish = np.array(
@@ -181,11 +186,13 @@ class Cell:
 
     def _judge(self, goal: Goal) -> None:
         """The robot's own supervision, and how the trial ended."""
-        far = float(self._error @ self._error) ** 0.5 > TOO_FAR_M
-        if not self._fault and (not self.arm.sound or far or np.abs(self.sensor.filtered_n).max() > TOO_MUCH_N):
-            self._fault = True
-            self.follower.fault("robot")
-        self.score.path_m = goal.path_m
+        if self._ticks % 2 == 0 and not self._fault:
+            felt, away = self.sensor.filtered_n, self._error
+            well = float(felt @ felt) < TOO_MUCH_N**2 and float(away @ away) < TOO_FAR_M**2
+            if not (well and self.arm.sound):  # numbers that are not finite are not well either
+                self._fault = True
+                self.follower.fault("robot")
+        self.score.path_m = float(goal.path_m)
         self.score.completed, self.score.why = self.follower.finished, self.follower.why
 
     def _state(self) -> State:
@@ -197,7 +204,7 @@ class Cell:
         speed = float(-arm.velocity_m_s[1])
         return State(
             int(flags), self.endpoint.taken, _three(self._error), _three(arm.velocity_m_s), _three(arm.tip_m),
-            _three(self.sensor.sample(self.clock_s)), speed, self.follower.path_m, self.cut_length_m,
+            _three(self.sensor.sample(self.clock_s)), speed, float(self.follower.path_m), self.cut_length_m,
             self.saw.angle_rad, self.config.spindle_rev_s,
         )  # fmt: skip
 
@@ -224,18 +231,15 @@ class Cell:
 
     def _resistance(self, along_m: float) -> tuple[Array, Array]:
         """Constants [3] of chip and edge here and now."""
-        wear, ripple = self.hidden.wear, self.hidden.material_periodicity
-        turn = 2.0 * np.pi * along_m / ripple.wavelength_m + ripple.phase_rad
-        harder = 1.0 + ripple.amplitude * float(np.cos(turn))
-        grown = wear.per_m * self.cut_length_m
-        worn = 1.0 + grown * np.array([1.0, wear.radial_ratio, 1.0])
-        chip, edge = np.asarray(self.sheet.chip_n_m2), np.asarray(self.sheet.edge_n_m)
-        return self._batch[0] * harder * chip, self._batch[1] * harder * worn * edge
+        ripple = self.hidden.material_periodicity
+        turn = 2.0 * math.pi * along_m / ripple.wavelength_m + ripple.phase_rad
+        harder = 1.0 + ripple.amplitude * math.cos(turn)
+        return harder * self._chip, (harder * (1.0 + self.cut_length_m * self._growth)) * self._edge
 
 
 def _to_base(process: Array) -> Array:
     """[..., 3] forces in base axes from process axes."""
-    return np.stack([process[..., 2], -process[..., 0], -process[..., 1]], axis=-1)
+    return process @ _TURN
 
 
 def _three(vector: Array) -> tuple[float, float, float]:

@@ -136,14 +136,14 @@ class Saw:
                     continue
                 part, chip, share, slot = cut
                 touch = share * self.blade.kerf_m * self.bin_rad / self.turn_rad * self.slots
-                ft, fr, fa = (touch * (e + k * chip) for k, e in zip(chip_n_m2, edge_n_m, strict=True))
+                ft, fr, fa = touch * (edge_n_m[:, None] + chip_n_m2[:, None] * chip)
                 sine, cosine = self._sine[part], self._cosine[part]
                 for axis, each in enumerate((-ft * cosine - fr * sine, ft * sine - fr * cosine, -fa)):
                     force[:, axis] += np.bincount(slot, each, self.slots)
                 removed += float(share @ chip)
                 moment += float(touch @ self._low[part])
                 weight += float(touch.sum())
-        self.rim_m = np.clip(after, least, np.maximum(least, FAR_M))
+        self.rim_m = np.maximum(np.minimum(after, FAR_M), least)
         volume = removed * self.bin_rad * radius * self.blade.kerf_m
         return Sweep(force, volume, weight > 0.0, moment / weight if weight > 0.0 else 0.0)
 
@@ -185,10 +185,10 @@ class Saw:
         part = slice(first, last + 1)
         low = self._low[part]
         high = low + self.bin_rad
-        when = np.clip((low + 0.5 * self.bin_rad - angle) / self.turn_rad, 0.0, 1.0)
+        when = _share((low + 0.5 * self.bin_rad - angle) / self.turn_rad)
         chip = reach - np.maximum(self.rim_m[part] - when * nearer[part], least[part])
-        share = np.clip((leave - low) / self.bin_rad, 0.0, 1.0)
-        share *= np.clip((np.minimum(high, end) - np.maximum(low, angle)) / self.bin_rad, 0.0, 1.0)
+        share = _share((leave - low) / self.bin_rad)
+        share *= _share((np.minimum(high, end) - np.maximum(low, angle)) / self.bin_rad)
         if inside is not None:
             share *= inside[part]
         cuts = chip > 0.0
@@ -197,3 +197,7 @@ class Saw:
         self._fresh[part] &= ~(passed & (share > 0.0))
         share, chip = share * cuts, np.maximum(chip, 0.0)
         return part, chip, share, np.minimum((when * self.slots).astype(np.intp), self.slots - 1)
+
+
+def _share(value: Array) -> Array:
+    return np.minimum(np.maximum(value, 0.0), 1.0)
