@@ -1,8 +1,8 @@
 """Regenerative chatter: the delay equation of a flexible tool, all trials of a session side by side.
 
 Each trial steps in equal angles of its own spindle, so that the surface left behind is a table by angle and
-no delay is ever interpolated: h = reach of the tip now less the largest reach there before. Loss of contact and
-cutting what several teeth left come by themselves. One mode an axis, advanced exactly over each step.
+no delay is ever interpolated: h = reach of the tip now less the largest reach there before. Loss of contact
+and cutting what several teeth left come by themselves. One mode an axis, advanced exactly over each step.
 """
 
 from __future__ import annotations

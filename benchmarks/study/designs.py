@@ -8,6 +8,7 @@ seed; each matter has its own random stream, so that one choice does not shift a
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,7 +87,7 @@ def plan(design: str, seed: int, effects: tuple[str, ...] = (), new: bool = Fals
 
 
 def session(
-    conditions: list[tuple[float, ...]],
+    conditions: Sequence[tuple[float, float, float, float]],
     milling: str | None,
     duration_s: float,
     generator: np.random.Generator,

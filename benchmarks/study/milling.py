@@ -170,7 +170,9 @@ def passes(cut: Milling, begin_s: float, end_s: float, cells: int) -> tuple[Arra
     return time, force, tangential, spindle
 
 
-def _chips(cut: Milling, time: Array, tooth: Array, sine: Array, absent: int | None) -> tuple[Array, Array]:
+def _chips(
+    cut: Milling, time: Array, tooth: NDArray[np.integer], sine: Array, absent: int | None
+) -> tuple[Array, Array]:
     """Contact (0 to 1) and thickness [P, n] of every pass; a tooth may be absent."""
     reach = cut.reaches()
     tip = cut.position(time) * sine + reach[tooth][:, None]

@@ -1,0 +1,199 @@
+"""The blind-trial simulator: closed forms it must meet, and the signature each effect must leave."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _benchmarks_found():
+    sys.path.insert(0, str(ROOT))
+    yield
+    sys.path.remove(str(ROOT))
+
+
+@pytest.fixture(scope="module")
+def study(_benchmarks_found):
+    return importlib.import_module("benchmarks.study")
+
+
+@pytest.fixture(scope="module")
+def milling(_benchmarks_found):
+    return importlib.import_module("benchmarks.study.milling")
+
+
+def reference_cut(milling, kind="slot", **changes):
+    """Four teeth, 2 mm wide, .05 mm a tooth: effects.md C1."""
+    fields = {
+        "teeth": 4, "radius_m": 0.008, "helix_rad": 0.0, "milling": kind, "depth_m": 0.008, "width_m": 0.002,
+        "speed_rev_s": 50.0, "feed_m_s": 0.01, "phase_rad": 0.3,
+        "chip_n_m2": np.array([796e6, 168.8e6, 0.0]), "edge_n_m": np.array([27.7e3, 30.8e3, 0.0]),
+    }  # fmt: skip
+    return milling.Milling(**{**fields, **changes})
+
+
+def line(force, turns, samples, order):
+    """Amplitude of a line of the spindle's order, of a record over whole turns."""
+    angle = 2.0 * np.pi * turns * np.arange(samples) / samples
+    return 2.0 * abs(np.mean(force * np.exp(-1j * order * angle)))
+
+
+def record(milling, cut, turns=20, rate=40_000.0):
+    """The force over whole turns, [T, 3]."""
+    samples = round(turns / cut.speed_rev_s * rate)
+    return milling.grid_force(cut, 0.0, samples + 400, rate)[200:-200], turns, samples
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [("slot", (-95.3116, 150.1375)), ("conventional", (-108.2620, 30.4799)), ("climb", (12.9504, 119.6576))],
+)
+def test_mean_force_meets_the_closed_form(milling, kind, expected):
+    cut = reference_cut(milling, kind)
+    force, torque = milling.mean_load(cut)
+    np.testing.assert_allclose(force[:2], expected, rtol=1e-3)
+    in_time, _, samples = record(milling, cut)
+    np.testing.assert_allclose(in_time[:samples, :2].mean(0), expected, rtol=1e-3)
+    tangential = {"slot": 212.1499, "conventional": 106.0749, "climb": 106.0749}[kind]
+    assert torque == pytest.approx(0.008 * tangential, rel=1e-3)
+
+
+def test_an_even_cutter_leaves_no_line_at_the_spindle(milling):
+    force, turns, samples = record(milling, reference_cut(milling))
+    tooth = line(force[:samples, 1], turns, samples, 4)
+    for order in (1, 2, 3):
+        assert line(force[:samples, 1], turns, samples, order) < 2e-5 * tooth
+
+
+def test_runout_is_flat_in_feed_and_pitch_rises_with_it(milling):
+    at = {}
+    pitch = {"pitch_error_rad": np.array([0.03, -0.01, -0.04, 0.02])}
+    runout = {"offset_m": 5e-6, "angle_rad": 0.4}
+    for name, hidden in (("radial_runout", runout), ("unequal_pitch", pitch)):
+        for feed in (0.016, 0.048):
+            cut = reference_cut(milling, feed_m_s=feed, effects={name: hidden})
+            force, turns, samples = record(milling, cut)
+            at[name, feed] = line(force[:samples, 0], turns, samples, 1)
+    assert at["radial_runout", 0.048] == pytest.approx(at["radial_runout", 0.016], rel=0.2)
+    assert at["unequal_pitch", 0.048] > 1.5 * at["unequal_pitch", 0.016]
+
+
+def test_runout_keeps_the_mean_chip_and_loses_contact(milling):
+    hidden = {"radial_runout": {"offset_m": 6e-5, "angle_rad": 0.4}}
+    sharp = {"edge_n_m": np.zeros(3)}
+    even, _ = milling.mean_load(reference_cut(milling, **sharp))
+    uneven, _ = milling.mean_load(reference_cut(milling, effects=hidden, **sharp))
+    np.testing.assert_allclose(uneven[:2], even[:2], rtol=3e-3)
+    rubbed, _ = milling.mean_load(reference_cut(milling, effects=hidden))
+    assert abs(rubbed[1]) < 0.9 * abs(milling.mean_load(reference_cut(milling))[0][1])
+
+
+def test_droop_slows_by_load_and_compliance_gives_way(milling):
+    loaded = milling.settle(reference_cut(milling, effects={"spindle_droop": {"droop_rev_s_nm": 1.0}}))
+    assert loaded.speed_rev_s == pytest.approx(50.0 - milling.mean_load(loaded)[1], abs=1e-6)
+    pushed = reference_cut(
+        milling, "conventional", depth_m=0.003, effects={"static_compliance": {"compliance_m_n": 1e-5}}
+    )
+    given = milling.settle(pushed)
+    assert given.depth_m == pytest.approx(0.003 + 1e-5 * milling.mean_load(given)[0][1], abs=1e-8)
+    assert given.depth_m < 0.003
+
+
+def test_helix_keeps_the_slot_mean_and_takes_the_tooth_line(milling):
+    cut = reference_cut(milling)
+    force, turns, samples = record(milling, cut, rate=80_000.0)
+    window = 0.6 / (2.0 * np.pi * cut.speed_rev_s)
+    slanted = milling.smear(force, window, 80_000.0)
+    first = round(window * 80_000.0) + 1
+    cut_off = slanted[first : first + samples - samples // turns]
+    before = force[first : first + samples - samples // turns]
+    turns -= 1
+    np.testing.assert_allclose(cut_off.mean(0)[:2], before.mean(0)[:2], rtol=1e-4)
+    ratio = line(cut_off[:, 1], turns, len(cut_off), 4) / line(before[:, 1], turns, len(before), 4)
+    assert ratio == pytest.approx(np.sinc(4 * 0.6 / (2.0 * np.pi)), rel=1e-3)
+
+
+def test_stability_limits_of_a_flexible_tool(milling, study):
+    """C5: one mode of 922 Hz, two teeth, 5,000 rpm: the limit depth is .40863 mm."""
+    chatter = importlib.import_module("benchmarks.study.chatter")
+    give = 1.0 / (0.03993 * (2.0 * np.pi * 922.0) ** 2)
+    mode = {"compliance_m_n": [give, 0.0], "frequency_hz": [922.0, 922.0], "damping": [0.011, 0.011]}
+
+    def swing(depth_m: float) -> float:
+        cut = reference_cut(
+            milling, teeth=2, width_m=depth_m, speed_rev_s=5000.0 / 60.0, feed_m_s=0.0167,
+            chip_n_m2=np.array([6e8, 2e8, 0.0]), edge_n_m=np.zeros(3), effects={"regenerative_chatter": mode},
+        )  # fmt: skip
+        _, force = chatter.forces([cut], 0.0, 0.5, 100)[0]
+        turns = force[: len(force) // 200 * 200].reshape(-1, 200, 3)
+        change = np.abs(np.diff(turns, axis=0)).max((1, 2))
+        return change[-1] / change[8]
+
+    assert swing(0.94 * 0.40863e-3) < 0.8
+    assert swing(1.06 * 0.40863e-3) > 1.5
+
+
+@pytest.mark.parametrize("design", ["mill", "saw", "drill", "turning"])
+def test_a_seed_gives_the_same_session_and_effects_change_nothing_else(study, design):
+    first, again = study.make(design, {}, 4), study.make(design, {}, 4)
+    with_drift = study.make(design, {"mains_pickup": "weak"}, 4)
+    for a, b, c in zip(first.dataset.trials, again.dataset.trials, with_drift.dataset.trials, strict=True):
+        np.testing.assert_array_equal(a.signals, b.signals)
+        assert a.spindle_speed_rev_s == c.spindle_speed_rev_s and not np.array_equal(a.signals, c.signals)
+    difference = np.concatenate(
+        [c.signals - a.signals for a, c in zip(first.dataset.trials, with_drift.dataset.trials, strict=True)]
+    )
+    assert np.abs(difference).max() <= 1.02 * np.max(
+        with_drift.truth["effects"]["mains_pickup"]["amplitude_n"]
+    )
+    assert study.make(design, {}, 5).truth["material"] != first.truth["material"]
+    assert all(np.isfinite(trial.signals).all() for trial in first.dataset.trials)
+
+
+def test_the_declared_filter_and_noise_are_in_the_record(study):
+    case = study.make("saw", {}, 2)
+    rate = case.dataset.sensor.sample_rate_hz
+    for trial in case.dataset.trials[:2]:
+        spectrum = np.abs(
+            np.fft.rfft((trial.force_n[:, 2] - trial.force_n[:, 2].mean()) * np.hanning(trial.samples))
+        )
+        quiet = np.median(spectrum) / np.sqrt(np.log(2) * trial.samples * 0.375)
+        assert quiet == pytest.approx(0.2, rel=0.1)
+    assert case.dataset.sensor.anti_alias.hz < rate / 2
+
+
+def test_wear_goes_with_length_and_drift_with_the_clock(study):
+    even = study.make("saw", {}, 7)
+    worn = study.make("saw", {"flank_wear": "strong"}, 7)
+    grown = [
+        np.linalg.norm((b.force_n - a.force_n).mean(0)) / (a.axial_width_m * np.sqrt(a.radial_depth_m))
+        for a, b in zip(even.dataset.trials, worn.dataset.trials, strict=True)
+        if a.kind == "cut"
+    ]
+    length = [t.cut_length_before_m for t in worn.dataset.trials if t.kind == "cut"]
+    assert np.corrcoef(length, grown)[0, 1] > 0.97
+    drifting = study.make("saw", {"thermal_drift": "strong"}, 7)
+    drift = drifting.truth["effects"]["thermal_drift"]
+    air = [t for t in drifting.dataset.trials if t.kind == "air"]
+    for trial in air:
+        bias = drifting.truth["trials"][trial.file]["bias_n"]
+        warm = -np.expm1(-(trial.clock_start_s + 4.0) / drift["tau_s"])
+        np.testing.assert_allclose(trial.force_n.mean(0) - bias, warm * drift["drift_n"], atol=0.02)
+
+
+def test_bad_input_is_said(study):
+    with pytest.raises(ValueError, match="expected one of"):
+        study.make("lathe", {}, 0)
+    with pytest.raises(ValueError, match="correct the name"):
+        study.make("saw", {"gremlins": "weak"}, 0)
+    with pytest.raises(ValueError, match="choose one"):
+        study.make("drill", {"radial_runout": "weak"}, 0)
+    with pytest.raises(ValueError, match="strength"):
+        study.make("saw", {"radial_runout": "huge"}, 0)
