@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "learning": _SIMULATION,
     "evaluation": {*_SIMULATION, "learning"},
     "deploy.export": {*_LEARNT, "deploy"},
-    "deploy": set(),
+    "deploy": {"trials"},
     "loop": {*_LEARNT, "trials", "tracing", "deploy", "deploy.export"},
     "cli": {*_LEARNT, "trials", "tracing", "deploy", "deploy.export", "loop"},
     "front": {"cli"},
@@ -71,6 +71,11 @@ UNLOADED = {
         "equinox",
     },
     "mjx_cutting.deploy.artefact": {"jax", "jaxlib", "mujoco", "brax", "scipy", "matplotlib", "flax"},
+    **{
+        f"mjx_cutting.deploy.{name}": {"jax", "jaxlib", "mujoco", "brax", "scipy", "matplotlib", "flax"}
+        for name in ("protocol", "safety", "server", "service", "recorder", "client", "stats", "sessions")
+    },
+    "mjx_cutting.trials.parts": {"jax", "mujoco", "brax", "matplotlib"},
     "mjx_cutting.cutting": {"mujoco", "brax", "matplotlib"},
     "mjx_cutting.tracing": {"mujoco", "brax"},
     "mjx_cutting.disturbance": {"mujoco", "brax", "matplotlib"},

@@ -50,10 +50,13 @@ VERBS = {
     "data check": Verb("data", "DataCheck", "say which trials are good, left out or doubtful"),
     "trace": Verb("trace", "Trace", "name the effect that a force model lacks on measured trials"),
     "fit-gp": Verb("disturbance", "FitGp", "fit what stays unexplained, for the simulation to draw from"),
+    "sim": Verb("sim", "Sim", "play one episode of the cutting simulation: figures, video, still, viewer"),
     "train": Verb("learning", "Train", "train an expert in the simulation"),
     "adapt": Verb("learning", "Adapt", "adapt the expert to a disturbance or a traced effect"),
     "evaluate": Verb("evaluation", "Evaluate", "compare policies and the baseline on the same episodes"),
     "export": Verb("export", "Export", "write a trained policy to one file that needs NumPy alone"),
+    "bench": Verb("bench", "Bench", "measure the simulation's speed on this machine, beside its peers"),
+    "serve": Verb("serve", "Serve", "serve an exported policy to a robot's controller, and record it"),
 }
 
 

@@ -64,8 +64,9 @@ def build_run(run: str | os.PathLike[str], *, pairs: int = 64, seed: int = 0) ->
             out of range.
     """
     policy = load_policy(Path(run))
-    provenance = {"run": Path(run).resolve().name}
-    conventions = _conventions(stored_config(Path(run))["env"])
+    env = stored_config(Path(run))["env"]
+    provenance = {"run": Path(run).resolve().name, "env": dict(env)}  # the server reads tool and feed there
+    conventions = _conventions(env)
     return build(policy, provenance=provenance, conventions=conventions, pairs=pairs, seed=seed)
 
 

@@ -48,6 +48,14 @@ class Histogram:
                 return min(_LOWEST_S * math.exp(_WIDTH * (bucket + 1)), self.largest_s)
         return 0.0
 
+    def __str__(self) -> str:
+        """One line: quantiles in microseconds and deadlines missed."""
+        p50, p99, p999 = (1e6 * self.quantile(q) for q in (0.5, 0.99, 0.999))
+        return (
+            f"latency p50 {p50:.0f}, p99 {p99:.0f}, p99.9 {p999:.0f}, largest {self.largest_s * 1e6:.0f} us; "
+            f"{self.missed} deadlines missed"
+        )
+
     def below(self, latency_s: float) -> int:
         """Returns how many latencies lay below this one, to within a bucket."""
         if latency_s <= _LOWEST_S:
