@@ -47,6 +47,7 @@ VERBS = {
     "data list": Verb("data", "DataList", "show the public data sets known by name"),
     "data get": Verb("data", "DataGet", "download a public data set, pinned by SHA-256"),
     "data import": Verb("data", "DataImport", "turn recordings of another format into the dataset format"),
+    "data mcap": Verb("data", "DataMcap", "write trials as MCAP files, for Foxglove and ROS 2"),
     "data check": Verb("data", "DataCheck", "say which trials are good, left out or doubtful"),
     "trace": Verb("trace", "Trace", "name the effect that a force model lacks on measured trials"),
     "fit-gp": Verb("disturbance", "FitGp", "fit what stays unexplained, for the simulation to draw from"),

@@ -117,6 +117,23 @@ class DataImport:
 
 
 @dataclass(frozen=True)
+class DataMcap:
+    """Writes trials as MCAP files, which Foxglove and ROS 2 open, one a trial."""
+
+    dataset: Annotated[str, tyro.conf.Positional]
+    """A name of `mjx-cutting data list`, or a folder in the dataset format."""
+
+    out: Path
+    """Folder to write; must not exist or be empty."""
+
+    def run(self) -> int:
+        """Prints the folder."""
+        from mjx_cutting.trials.commands import write_as_mcap
+
+        return write_as_mcap(self.dataset, self.out)
+
+
+@dataclass(frozen=True)
 class DataCheck:
     """Reads trials and says which are good, which are left out and why, and what is doubtful."""
 

@@ -159,6 +159,25 @@ def check(name_or_folder: str | os.PathLike[str], *, console: Console | None = N
     return 1 if dataset.left_out else 0
 
 
+def write_as_mcap(
+    name_or_folder: str | os.PathLike[str], out: str | os.PathLike[str], *, console: Console | None = None
+) -> int:
+    """Writes the good trials of a dataset as MCAP files and says where. Returns 0.
+
+    Raises ValueError where the dataset is broken or the extra `mcap` is missing, OSError where the folder
+    cannot be written.
+    """
+    from mjx_cutting.trials.mcap_writing import write_mcap
+
+    dataset = resolve(name_or_folder)
+    try:
+        folder = write_mcap(dataset, out)
+    except ImportError as error:
+        raise ValueError(str(error)) from None
+    (console or Console()).print(f"{len(dataset.trials)} trials written: {escape(str(folder))}")
+    return 0
+
+
 def _import_recordings(
     kind: str,
     path: Path,

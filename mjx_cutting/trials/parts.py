@@ -4,7 +4,7 @@ A Parquet file has its index at its end, so one that is cut off is lost. A recor
 second, in small whole files:
 
     FOLDER/dataset.json                      the trials finished so far
-    FOLDER/0001-cut.parquet                  one of them
+    FOLDER/0001-02-cut.parquet               one of them
     FOLDER/.recording/session.json           tool, sensor and conditions, as in dataset.json
     FOLDER/.recording/0002/000017.parquet    the 18th second of the trial being recorded
     FOLDER/.recording/lock                   held by the process that records
@@ -180,14 +180,13 @@ def merge(folder: Path, place: Path, session: Mapping[str, Any]) -> list[str]:
     """
     samples, told = _read(place)
     rate_hz = float(session["sensor"]["sample_rate_hz"])
-    entries, counts = [], {"air": 0, "cut": 0}
+    entries: list[dict[str, Any]] = []
     for kind, piece in _pieces(samples, rate_hz, float(session["margin_s"])):
-        if len(piece) < max(8, 2.0 * rate_hz / session["trial"][SPEED]):
-            told.append(f"trial {place.name}: {len(piece)} samples of {kind} are under 2 turns, left out")
+        if len(piece) < max(8, 2.0 * rate_hz / session["trial"][SPEED] + 1):
+            if len(piece):
+                told.append(f"trial {place.name}: {len(piece)} samples of {kind} are under 2 turns, left out")
             continue
-        suffix = "" if not counts[kind] else f"-{counts[kind] + 1}"
-        counts[kind] += 1
-        file = f"{place.name}-{kind}{suffix}.parquet"
+        file = f"{place.name}-{len(entries) + 1:02d}-{kind}.parquet"
         grid, bridged = _even(piece, rate_hz)
         staged = folder / f".{file}"
         write_columns(staged, _columns(grid, rate_hz))

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from mjx_cutting.trials.checks import Verdict, check_trial, finish
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 from mjx_cutting.trials.manifest import Entry, Manifest, read_manifest
+from mjx_cutting.trials.parts import recover
 from mjx_cutting.trials.records import read_columns, records_of, required_columns
 
 
@@ -20,9 +21,10 @@ def read(folder: str | os.PathLike[str]) -> Dataset:
     """The dataset in a folder in the format mjx-cutting-trials/1, forces in process axes, checked.
 
     Raises ValueError where dataset.json is missing or broken (the message names the key path) or no trial is
-    good.
+    good. What a recorder that was killed left in the folder is merged first (see `parts`).
     """
     place = Path(folder)
+    recover(place)
     manifest = read_manifest(place)
     with ThreadPoolExecutor(max_workers=4) as pool:
         outcomes = list(pool.map(lambda entry: _read_trial(place, entry, manifest), manifest.entries))
