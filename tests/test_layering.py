@@ -17,6 +17,7 @@ LINES_AT_MOST = 400
 
 _SIMULATION = {"cutting", "disturbance", "sim"}
 _LEARNT = {*_SIMULATION, "learning", "evaluation"}
+_DEPLOY = {"deploy", "deploy.protocol", "deploy.virtual_cell", "deploy.export"}
 
 # What each room may import of ours, besides itself and the base. A new room needs a line here.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -28,10 +29,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sim": {"cutting", "disturbance"},
     "learning": _SIMULATION,
     "evaluation": {*_SIMULATION, "learning"},
-    "deploy.export": {*_LEARNT, "deploy"},
-    "deploy": {"trials"},
-    "loop": {*_LEARNT, "trials", "tracing", "deploy", "deploy.export"},
-    "cli": {*_LEARNT, "trials", "tracing", "deploy", "deploy.export", "loop"},
+    "deploy.export": {*_LEARNT, "deploy", "deploy.protocol", "deploy.virtual_cell"},
+    "deploy.protocol": set(),
+    "deploy.virtual_cell": {"deploy.protocol"},
+    "deploy": {"trials", "deploy.protocol"},
+    "loop": {*_LEARNT, "trials", "tracing", *_DEPLOY},
+    "cli": {*_LEARNT, "trials", "tracing", *_DEPLOY, "loop"},
     "front": {"cli"},
 }
 BASE = {"_platform", "_files", "_report", "runs"}
@@ -42,6 +45,8 @@ FORBIDDEN = {
     "trials": {"mujoco", "brax"},
     "tracing": {"mujoco", "brax"},
     "disturbance": {"mujoco", "brax"},
+    "deploy.protocol": {"jax", "numpy", "mujoco"},
+    "deploy.virtual_cell": {"jax", "jaxlib", "flax", "equinox", "brax"},
     "deploy": {
         "jax",
         "jaxlib",
@@ -94,7 +99,10 @@ def room_of(module: str) -> str | None:
     if parts[1] == "__main__":
         return "front"
     if parts[1] == "deploy":
-        return "deploy.export" if len(parts) > 2 and parts[2].startswith("export") else "deploy"
+        third = parts[2] if len(parts) > 2 else ""
+        if third.startswith("export"):
+            return "deploy.export"
+        return f"deploy.{third}" if third in ("protocol", "virtual_cell") else "deploy"
     return parts[1]
 
 
@@ -135,8 +143,6 @@ def breaches(source: str, module: str, is_package: bool = False) -> list[str]:
         other = room_of(name)
         if other is None or other in {"base", room} or other in MAY_IMPORT[room]:
             continue
-        if room == "deploy.export" and other == "deploy":
-            continue
         found.append(f"{module}:{line} imports {name}: {room} must not import {other}")
     return found
 
@@ -168,6 +174,9 @@ def test_imports_run_one_way() -> None:
             "from mjx_cutting.deploy import export",
             "deploy must not import deploy.export",
         ),
+        ("mjx_cutting.deploy.virtual_cell.saw", "from mjx_cutting.cutting import model", "must not"),
+        ("mjx_cutting.deploy.virtual_cell.saw", "from mjx_cutting.deploy import safety", "must not"),
+        ("mjx_cutting.deploy.protocol", "from mjx_cutting.deploy import safety", "must not"),
         ("mjx_cutting.learning.bc", "from experiments import adapt", "nothing in the package does"),
         ("mjx_cutting.newroom.file", "import numpy", "no line in MAY_IMPORT"),
     ],
@@ -184,6 +193,10 @@ def test_a_breach_is_found(module: str, source: str, told: str) -> None:
             "from ..cutting import ForceModel\nfrom . import verdict\nimport optimistix",
         ),
         ("mjx_cutting.deploy.export", "from mjx_cutting.learning.policy import Policy\nimport jax"),
+        (
+            "mjx_cutting.deploy.virtual_cell.cell",
+            "from mjx_cutting.deploy.protocol import State\nimport mujoco",
+        ),
         ("mjx_cutting.sim.env", "from mjx_cutting import _platform\nimport mujoco"),
     ],
 )

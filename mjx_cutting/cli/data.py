@@ -1,4 +1,4 @@
-"""`mjx-cutting data list|get|import|check`: measured trials, public or the user's own."""
+"""`mjx-cutting data list|get|import|mcap|check`: measured trials, public or the user's own."""
 
 from __future__ import annotations
 
