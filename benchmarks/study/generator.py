@@ -28,7 +28,7 @@ class Case:
     """A dataset and what is hidden in it.
 
     truth: "effects" {name: {parameter: value}} in the package's names and units, "outside" the same for what
-    no library holds, "material" {"chip_n_m2", "edge_n_m"}, "trials" {file: {"speed_rev_s", "phase_rad",
+    no library holds, "material" {"K_tc_n_m2", ...}, "trials" {file: {"speed_rev_s", "phase_rad",
     "bias_n"}}, "design", "seed", "strength".
     """
 
@@ -89,10 +89,19 @@ def make(
         "design": design, "seed": seed, "strength": dict(asked),
         "effects": {k: v for k, v in drawn.items() if k not in OUTSIDE},
         "outside": {k: v for k, v in drawn.items() if k in OUTSIDE},
-        "material": {"chip_n_m2": session.chip_n_m2.tolist(), "edge_n_m": session.edge_n_m.tolist()},
+        "material": _material(session),
         "trials": told,
     }  # fmt: skip
     return Case(dataset, truth)
+
+
+def _material(session: Plan) -> dict[str, float]:
+    """The constants under the package's names."""
+    chip, edge = session.chip_n_m2, session.edge_n_m
+    return {
+        **{f"K_{way}c_n_m2": float(chip[i]) for i, way in enumerate("tra")},
+        **{f"K_{way}e_n_m": float(edge[i]) for i, way in enumerate("tra")},
+    }
 
 
 def _noise(session: Plan, factor: float) -> Array:

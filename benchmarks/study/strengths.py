@@ -149,7 +149,7 @@ def _clog(plan: Plan, g: float, rng: np.random.Generator) -> Params:
         entry, exit_ = milling_of(plan, cut, {}).arc()
         feed = cut.feed_m_s / (cut.speed_rev_s * plan.tool.teeth)
         areas.append(feed * 0.5 * plan.tool.diameter_m * (np.cos(entry) - np.cos(exit_)))
-    return {"gain": 0.4 * g, "capacity_m2": float(np.median(areas) * rng.uniform(0.35, 0.7))}
+    return {"gain": 0.4 * g, "capacity_m2": float(np.max(areas) * rng.uniform(0.35, 0.6))}
 
 
 def _periodic(plan: Plan, g: float, rng: np.random.Generator) -> Params:
