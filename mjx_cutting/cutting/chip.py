@@ -71,18 +71,29 @@ def nominal_cutter(tool: Tool) -> Cutter:
 
 def chip_under(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     """Chip thickness and contact of every edge element of a mill or saw, [..., S, N]."""
-    angle, width_m, height_lag = _edge_angles(cutter, cut, tool)
+    behind, width_m, height_lag = edge_lags(cutter, cut, tool)
+    angle = jnp.asarray(cut.angle_rad)[..., None, None] - behind
+    gate = jnp.maximum(jnp.asarray(cut.gate_rad)[..., None, None], jnp.abs(height_lag) / cutter.slices)
+    contact = inside(
+        angle, jnp.asarray(cut.entry_rad)[..., None, None], jnp.asarray(cut.exit_rad)[..., None, None], gate
+    )
+    return _thickness(cutter, cut, tool, angle, contact, width_m)
+
+
+def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array) -> Chip:
+    """The same with every edge element at its own angles `own_rad` [K], all inside the arc, [K, S, N]."""
+    behind, width_m, _ = edge_lags(cutter, cut, tool)
+    angle = jnp.asarray(own_rad)[..., None, None] + jnp.zeros_like(behind)
+    return _thickness(cutter, cut, tool, angle, jnp.ones_like(angle), width_m)
+
+
+def _thickness(cutter: Cutter, cut: Cut, tool: Tool, angle: Array, contact: Array, width_m: Array) -> Chip:
     sine = jnp.sin(angle)
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
     if cutter.even:
         bare = feed_m / tool.teeth * sine
     else:
         bare = carried_over(cutter, feed_m, sine)
-    gate = jnp.maximum(jnp.asarray(cut.gate_rad)[..., None, None], jnp.abs(height_lag) / cutter.slices)
-    contact = inside(
-        angle, jnp.asarray(cut.entry_rad)[..., None, None], jnp.asarray(cut.exit_rad)[..., None, None], gate
-    )
-    if not cutter.even:
         ramp = _CONTACT_SHARE * feed_m / tool.teeth + _CONTACT_M
         contact = contact * jnp.clip(0.5 + bare / ramp, 0.0, 1.0)
     return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
@@ -94,13 +105,13 @@ def touching(bare_m: Array, feed_per_tooth_m: Array) -> Array:
     return jnp.clip(1.0 + bare_m / ramp, 0.0, 1.0)
 
 
-def _edge_angles(cutter: Cutter, cut: Cut, tool: Tool) -> tuple[Array, Array, Array]:
-    """Angles [..., S, N], width of one element [..., 1, 1] and the lag of the whole edge [..., 1, 1]."""
+def edge_lags(cutter: Cutter, cut: Cut, tool: Tool) -> tuple[Array, Array, Array]:
+    """Angle of each element behind tooth 0's tip [..., S, N], width of one [..., 1, 1], whole lag [..., 1,
+    1]."""
     width = jnp.asarray(cut.axial_width_m)[..., None, None]
     lag = 2.0 * width * jnp.tan(cutter.helix_rad) / jnp.asarray(tool.diameter_m)
     share = ((jnp.arange(cutter.slices) + 0.5) / cutter.slices)[:, None]
-    angle = jnp.asarray(cut.angle_rad)[..., None, None] - cutter.lag_rad - lag * share
-    return angle, width / cutter.slices, lag
+    return cutter.lag_rad + lag * share, width / cutter.slices, lag
 
 
 def carried_over(cutter: Cutter, feed_m: Array, sine: Array) -> Array:

@@ -42,13 +42,18 @@ def lever_m(tool: Tool) -> Array:
 
 def to_process(local: Array, chip: Chip, tool: Tool) -> Array:
     """Sum of the local forces [..., S, N, 3] (tangential, radial, axial) in the process frame [..., 3], N."""
+    return jnp.sum(elements_to_process(local, chip, tool), axis=(-3, -2))
+
+
+def elements_to_process(local: Array, chip: Chip, tool: Tool) -> Array:
+    """Force of each element in the process frame, [..., S, N, 3], N, its share of contact in it."""
     tangential, radial, axial = local[..., 0], local[..., 1], local[..., 2]
     sine, cosine = jnp.sin(chip.angle_rad), jnp.cos(chip.angle_rad)
     along = axial if tool.kind == "drill" else -axial
     force = jnp.stack(
         [-tangential * cosine - radial * sine, tangential * sine - radial * cosine, along], axis=-1
     )
-    return jnp.sum(force * chip.contact[..., None], axis=(-3, -2))
+    return force * chip.contact[..., None]
 
 
 def _drill_chip(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:

@@ -22,9 +22,9 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.chip import Chip, Cutter, nominal_cutter
+from mjx_cutting.cutting.chip import Chip, Cutter, chip_in_arc, edge_lags, nominal_cutter
 from mjx_cutting.cutting.cut import Cut
-from mjx_cutting.cutting.drilling import engaged_chip, lever_m, to_process
+from mjx_cutting.cutting.drilling import elements_to_process, engaged_chip, lever_m, to_process
 from mjx_cutting.cutting.effects.abstract import STAGES, AbstractEffect, EdgeForce
 from mjx_cutting.cutting.effects.registry import effect_class
 from mjx_cutting.cutting.material import Material
@@ -69,7 +69,44 @@ class ForceModel(eqx.Module):
 
     def chip(self, cut: Cut) -> Chip:
         """Chip thickness and contact under each edge element, [..., S, N]."""
-        chip = engaged_chip(self.cutter(), cut, self.tool)
+        return self._affected(engaged_chip(self.cutter(), cut, self.tool), cut)
+
+    def elements_in_arc(self, cut: Cut, own_rad: Array) -> tuple[Array, Array]:
+        """Process force of every edge element at its own angles, and how far each is behind tooth 0.
+
+        For mills and saws, where no effect changes angle or depth during a turn (`turns_evenly`).
+
+        Arguments:
+            cut: scalar conditions.
+            own_rad: [K] angles inside the engagement arc.
+
+        Returns:
+            [K, S, N, 3] force of each element, N; [S, N] lag, rad: the tool stands at own angle plus lag.
+        """
+        cutter = self.cutter()
+        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own_rad), cut)
+        local = self.edge_force(chip, cut)
+        lag = edge_lags(cutter, cut, self.tool)[0]
+        return elements_to_process(local.chip + local.edge, chip, self.tool), lag
+
+    @property
+    def turns_evenly(self) -> bool:
+        """Whether every tooth of a mill or saw sweeps the same arc of `Cut` at an even speed."""
+        hooks = ("spindle", "engage")
+        return self.tool.kind in ("end_mill", "slitting_saw") and not any(
+            getattr(type(effect), hook) is not getattr(AbstractEffect, hook)
+            for effect in self.effects
+            for hook in hooks
+        )
+
+    def body_force(self, cut: Cut) -> Array:
+        """[..., 3] forces on the tool as a whole, without those of the edges, N."""
+        force = jnp.zeros((*jnp.shape(cut.angle_rad), 3))
+        for effect in self._path():
+            force = effect.body(force, cut, self)
+        return force
+
+    def _affected(self, chip: Chip, cut: Cut) -> Chip:
         for effect in self._path():
             chip = effect.chip(chip, cut, self)
         return chip

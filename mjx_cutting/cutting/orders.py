@@ -1,20 +1,29 @@
 """The force of a steady cut as lines at multiples of the spindle frequency.
 
-In a steady cut the force depends on the tool angle alone, so one revolution at K angles holds everything:
-F(theta) = sum over n of c_n exp(i n theta), c_{-n} = conj(c_n). Structure and sensor multiply c_n by their
-response at n f_s. Entry and exit are averaged over the angle step (`Cut.gate_rad`), so that the steps of the
-edge force do not alias. Holds for effects without slow memory; where conditions drift, take one revolution
-per segment.
+In a steady cut the force depends on the tool angle alone, so one revolution holds everything: F(theta) = sum
+over n of c_n exp(i n theta), c_{-n} = conj(c_n). Structure and sensor multiply c_n by their response at n
+f_s. Holds for effects without slow memory; where conditions drift, take one revolution per segment.
+
+Two ways to c_n. Where every tooth sweeps the same arc, its force is integrated over that arc alone by Gauss
+and Legendre's rule, and the tooth's place on the tool is a factor exp(-i n lag): exact at entry and exit,
+smooth in every parameter, and nothing is evaluated out of cut, which for a saw is nearly everywhere.
+Otherwise the revolution is evaluated at even angles, entry and exit averaged over the angle step
+(`Cut.gate_rad`), so that the steps of the edge force do not alias.
 """
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect
 from mjx_cutting.cutting.model import ForceModel
+
+_NODES_PER_RADIAN = 0.4
+_FEWEST_NODES = 32
 
 
 def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
@@ -22,23 +31,57 @@ def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
     return model.process_force(_turn(cut, angles))
 
 
-def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int) -> Array:
+def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: float = np.pi) -> Array:
     """[orders + 1, 3] complex coefficients c_n of the SENSED force, n = 0..orders, N.
 
-    The time record is Re(c_0 + 2 sum over n >= 1 of c_n exp(i n theta)).
+    The time record is Re(c_0 + 2 sum over n >= 1 of c_n exp(i n theta)), theta counted from `cut.angle_rad`.
 
     Arguments:
         model: force model; its effects are all `steady`.
         cut: scalar conditions.
         orders: highest order n kept, below `angles` / 2.
-        angles: angles K evaluated; a multiple of the teeth, several times `orders`.
+        angles: angles K of a revolution, where one is evaluated; a multiple of the teeth, several times
+            `orders`.
+        arc_rad: longest engagement arc there will be, which sets the accuracy of the rule over it.
     """
-    turn = _turn(cut, angles)
-    lines = jnp.fft.rfft(model.process_force(turn), axis=0)
+    if not model.turns_evenly:
+        lines = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
+    else:
+        lines = _swept(model, cut, orders, _FEWEST_NODES + int(_NODES_PER_RADIAN * orders * arc_rad))
+        if any(type(effect).body is not AbstractEffect.body for effect in model.effects):
+            lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[: orders + 1] / angles
     if any(type(effect).sense is not AbstractEffect.sense for effect in model.effects):
-        wave = jnp.fft.irfft(_responded(model, cut, lines), angles, axis=0)
-        return jnp.fft.rfft(model.sense(wave, turn), axis=0)[: orders + 1] / angles
-    return _responded(model, cut, lines[: orders + 1]) / angles
+        wave = jnp.fft.irfft(_responded(model, cut, lines) * angles, angles, axis=0)
+        return jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[: orders + 1] / angles
+    return _responded(model, cut, lines[: orders + 1])
+
+
+def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
+    """[orders + 1, 3] lines of the edges' force, from `nodes` angles of the arc."""
+    node, weight = np.polynomial.legendre.leggauss(nodes)
+    entry, exit_ = jnp.asarray(cut.entry_rad), jnp.asarray(cut.exit_rad)
+    half = 0.5 * (exit_ - entry)
+    own = entry + half * (1.0 + node)
+    force, lag = model.elements_in_arc(cut, own)
+    order = np.arange(orders + 1)
+    place = jnp.exp(-1j * order[:, None, None] * (lag - cut.angle_rad))
+    if _alike(model):
+        force, place = force[:, :, :1], jnp.sum(place, axis=2, keepdims=True)
+    turn = order[:, None] * own
+    over_arc = jnp.concatenate([jnp.cos(turn), -jnp.sin(turn)]) * (weight * half / (2.0 * np.pi))
+    parts = jnp.matmul(over_arc, force.reshape(nodes, -1), precision="highest")
+    parts = parts.reshape(2, orders + 1, *force.shape[1:])
+    return jnp.einsum("nsj,nsja->na", place, jax.lax.complex(parts[0], parts[1]))
+
+
+def _alike(model: ForceModel) -> bool:
+    """Whether every tooth carries the same force at the same angle."""
+    hooks = ("chip", "edge")
+    return model.cutter().even and not any(
+        getattr(type(effect), hook) is not getattr(AbstractEffect, hook)
+        for effect in model.effects
+        for hook in hooks
+    )
 
 
 def _turn(cut: Cut, angles: int) -> Cut:

@@ -35,6 +35,7 @@ _PHASES = 1024
 _GAUSS_NEWTON = 4
 _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
+_ARC_STEP = np.pi / 8.0
 
 
 class Problem(eqx.Module):
@@ -51,6 +52,7 @@ class Problem(eqx.Module):
         bias_unit_n: [] unit of a shared bias, N.
         shared_bias: True where the sensor was zeroed once a session (static).
         orders, angles: highest order and angles evaluated a turn (static).
+        arc_rad: longest engagement arc of any trial, rounded up (static).
     """
 
     tool: Tool
@@ -66,6 +68,7 @@ class Problem(eqx.Module):
     shared_bias: bool = eqx.field(static=True)
     orders: int = eqx.field(static=True)
     angles: int = eqx.field(static=True)
+    arc_rad: float = eqx.field(static=True)
 
     @property
     def trials(self) -> int:
@@ -119,6 +122,8 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         shared_bias=shared,
         orders=lines.orders,
         angles=angles,
+        arc_rad=_ARC_STEP
+        * float(np.ceil(max(float(cut.exit_rad - cut.entry_rad) for cut in cuts) / _ARC_STEP)),
     )
 
 
@@ -200,7 +205,8 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     order domain is the exact factor (1 - exp(-i n lag)) / (i n lag) in `gain`.
     """
     straight = ForceModel(problem.tool, model.material, model.effects)
-    lines = jax.vmap(lambda cut: order_lines(straight, cut, problem.orders, problem.angles))(problem.cut)
+    orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
+    lines = jax.vmap(lambda cut: order_lines(straight, cut, orders, angles, arc_rad))(problem.cut)
     return lines * problem.gain[..., None]
 
 
