@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import resource
 import subprocess
 import sys
@@ -27,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tinygp
-from gp_peers import best_seconds, celerite_seconds, gpytorch_seconds
+from gp_peers import best_seconds, peers_seconds
 
 import mjx_cutting.disturbance as disturbance
 from mjx_cutting import _platform
@@ -127,27 +128,27 @@ def likelihood_times() -> dict[str, float]:
     return found
 
 
+def best_fit(time_s, residual, repeats: int = 3, **options: Any) -> float:
+    """Returns the least seconds of `repeats` fits after one that compiles."""
+    seconds = []
+    for _ in range(1 + repeats):
+        start = time.perf_counter()
+        disturbance.fit(time_s, residual, diagnose=False, **options)
+        seconds.append(time.perf_counter() - start)
+    return min(seconds[1:])
+
+
 def fit_times(quick: bool) -> dict[str, float]:
     """Seconds of the whole search (scan, 32 starts, trial effects, Laplace), and at ten times the samples."""
     time_s, residual, _ = simulate(1)
-    disturbance.fit(time_s, residual, diagnose=False)
-    start = time.perf_counter()
-    disturbance.fit(time_s, residual, diagnose=False)
-    found = {"warm_3_axes": time.perf_counter() - start}
-    options: dict[str, Any] = {"diagnose": False, "trial_effects": False}
-    disturbance.fit(time_s, residual[..., :1], **options)
-    start = time.perf_counter()
-    disturbance.fit(time_s, residual[..., :1], **options)
-    found["warm_1_axis_pooled"] = time.perf_counter() - start
+    found = {"warm_3_axes": best_fit(time_s, residual)}
+    found["warm_1_axis_pooled"] = best_fit(time_s, residual[..., :1], trial_effects=False)
     # ten times the samples: ten times the stamps, at ten times the rate, over the same frequencies
     looked = (0.4, 2.9 if quick else 24.6)
     seconds = []
     for factor in (1, 10):
         many_s, many, _ = simulate(1, stamps=2500 * factor, rate_hz=500.0 * factor)
-        disturbance.fit(many_s, many, frequency_range_hz=looked, diagnose=False)
-        start = time.perf_counter()
-        disturbance.fit(many_s, many, frequency_range_hz=looked, diagnose=False)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(best_fit(many_s, many, frequency_range_hz=looked))
     found["seconds_35000"], found["seconds_350000"] = seconds
     found["ratio_350000_to_35000"] = seconds[1] / seconds[0]
     return found
@@ -285,58 +286,6 @@ def coverage(count: int) -> dict[str, float]:
     return found
 
 
-def peers(quick: bool) -> dict[str, Any]:
-    """Seconds of one log likelihood (with gradient where the library gives one) in other libraries."""
-    found: dict[str, Any] = {}
-    n = 500 if quick else 2000
-    time_s, residual, _ = simulate(0, axes=1)
-    x, y = np.tile(time_s, 14), residual[..., 0].ravel()
-    pick = np.linspace(0, len(x) - 1, n).astype(int)
-    xs, ys = x[pick], y[pick]
-
-    def dense(p):
-        kernel = p[2] ** 2 * tinygp.kernels.ExpSineSquared(scale=p[0], gamma=2 / p[1] ** 2)
-        return tinygp.GaussianProcess(kernel, jnp.asarray(xs), diag=p[3] ** 2).log_probability(
-            jnp.asarray(ys)
-        )
-
-    with _platform.x64():
-        call = jax.jit(jax.value_and_grad(dense))
-        at = jnp.asarray([1 / FREQUENCY_HZ, 0.5, 0.8, 0.5])
-        found["tinygp dense"] = {"samples": n, "seconds": best_seconds(lambda: call(at), 2)}
-    try:
-        from sklearn.gaussian_process import GaussianProcessRegressor
-        from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, WhiteKernel
-    except ImportError:
-        found["scikit-learn"] = "absent"
-    else:
-        kernel = ConstantKernel(0.64) * ExpSineSquared(0.5, 1 / FREQUENCY_HZ) + WhiteKernel(0.25)
-        model = GaussianProcessRegressor(kernel, optimizer=None).fit(xs[:, None], ys)
-        theta = model.kernel_.theta
-        found["scikit-learn"] = {
-            "samples": n,
-            "seconds": best_seconds(lambda: model.log_marginal_likelihood(theta, eval_gradient=True)[0], 2),
-        }
-    try:
-        import gpytorch
-        import torch
-    except ImportError:
-        found["gpytorch"] = "absent"
-    else:
-        found["gpytorch"] = {"samples": n, "seconds": gpytorch_seconds(gpytorch, torch, xs, ys, FREQUENCY_HZ)}
-    try:
-        import celerite2
-    except ImportError:
-        found["celerite2"] = "absent"
-    else:
-        found["celerite2"] = {
-            "samples": len(x),
-            "seconds": celerite_seconds(celerite2, x, y, FREQUENCY_HZ),
-            "gradient": False,
-        }
-    return found
-
-
 def apart(what: str, quick: bool) -> dict[str, Any]:
     """Returns the figures of one part run in a process of its own, without a compile cache."""
     environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
@@ -352,22 +301,42 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer seeds and simulations, smaller peers")
     parser.add_argument("--json", metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument("--parts", nargs="+", help="measure these anew, the others being those in FILE")
     parser.add_argument("--only", choices=("cold", "peers"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     quick = arguments.quick
     if arguments.only:
-        print(json.dumps(cold() if arguments.only == "cold" else peers(quick)))
+        time_s, residual, _ = simulate(0, axes=1)
+        samples = np.tile(time_s, 14), residual[..., 0].ravel()
+        found_apart = cold() if arguments.only == "cold" else peers_seconds(*samples, FREQUENCY_HZ, quick)
+        print(json.dumps(found_apart))
         return
-    found: dict[str, Any] = {"quick": quick, "cpus": os.cpu_count(), "versions": _platform.versions()}
+    found: dict[str, Any] = {
+        "command": " ".join(["python", "benchmarks/disturbance_gp.py", *sys.argv[1:]]),
+        "quick": quick,
+        "machine": {
+            "processor": platform.machine(),
+            "cpus": os.cpu_count(),
+            "load_1_min": os.getloadavg()[0],
+        },
+        "versions": _platform.versions(),
+        "timing": "least of several repeats: other work on the machine can only lengthen a time",
+    }
+
+    if arguments.parts:
+        with open(arguments.json) as file:
+            found = json.load(file) | found
 
     def part(name: str, call: Callable[[], Any]) -> None:
+        if arguments.parts and name not in arguments.parts:
+            return
         start = time.perf_counter()
         found[name] = call()
         print(f"{name} ({time.perf_counter() - start:.0f} s)")
         for key, value in found[name].items():
             print(f"  {key}: {value:.4g}" if isinstance(value, float) else f"  {key}: {value}")
 
-    part("cold", lambda: apart("cold", quick))
+    part("cold", lambda: min((apart("cold", quick) for _ in range(2)), key=lambda f: f.get("seconds", 1e9)))
     with _platform.x64():
         part("accuracy_against_dense", accuracy)
         part("likelihood_and_gradient_ms", likelihood_times)
@@ -394,6 +363,7 @@ def main() -> None:
     if arguments.json:
         with open(arguments.json, "w") as file:
             json.dump(found, file, indent=2)
+            file.write("\n")
 
 
 if __name__ == "__main__":

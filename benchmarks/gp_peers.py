@@ -7,8 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import tinygp
 
+from mjx_cutting import _platform
 from mjx_cutting.disturbance.kernel import prior
 
 
@@ -66,3 +69,53 @@ def celerite_seconds(celerite2: Any, x: Any, y: Any, frequency_hz: float) -> flo
         return gp.log_likelihood(y[order])
 
     return best_seconds(once, 2)
+
+
+def peers_seconds(x: Any, y: Any, frequency_hz: float, quick: bool) -> dict[str, Any]:
+    """Seconds of one log likelihood (with gradient where the library gives one) in other libraries."""
+    found: dict[str, Any] = {}
+    n = 500 if quick else 2000
+    pick = np.linspace(0, len(x) - 1, n).astype(int)
+    xs, ys = x[pick], y[pick]
+
+    def dense(p):
+        kernel = p[2] ** 2 * tinygp.kernels.ExpSineSquared(scale=p[0], gamma=2 / p[1] ** 2)
+        return tinygp.GaussianProcess(kernel, jnp.asarray(xs), diag=p[3] ** 2).log_probability(
+            jnp.asarray(ys)
+        )
+
+    with _platform.x64():
+        call = jax.jit(jax.value_and_grad(dense))
+        at = jnp.asarray([1 / frequency_hz, 0.5, 0.8, 0.5])
+        found["tinygp dense"] = {"samples": n, "seconds": best_seconds(lambda: call(at), 2)}
+    try:
+        from sklearn.gaussian_process import GaussianProcessRegressor
+        from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, WhiteKernel
+    except ImportError:
+        found["scikit-learn"] = "absent"
+    else:
+        kernel = ConstantKernel(0.64) * ExpSineSquared(0.5, 1 / frequency_hz) + WhiteKernel(0.25)
+        model = GaussianProcessRegressor(kernel, optimizer=None).fit(xs[:, None], ys)
+        theta = model.kernel_.theta
+        found["scikit-learn"] = {
+            "samples": n,
+            "seconds": best_seconds(lambda: model.log_marginal_likelihood(theta, eval_gradient=True)[0], 2),
+        }
+    try:
+        import gpytorch
+        import torch
+    except ImportError:
+        found["gpytorch"] = "absent"
+    else:
+        found["gpytorch"] = {"samples": n, "seconds": gpytorch_seconds(gpytorch, torch, xs, ys, frequency_hz)}
+    try:
+        import celerite2
+    except ImportError:
+        found["celerite2"] = "absent"
+    else:
+        found["celerite2"] = {
+            "samples": len(x),
+            "seconds": celerite_seconds(celerite2, x, y, frequency_hz),
+            "gradient": False,
+        }
+    return found

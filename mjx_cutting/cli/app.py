@@ -58,6 +58,7 @@ VERBS = {
     "export": Verb("export", "Export", "write a trained policy to one file that needs NumPy alone"),
     "bench": Verb("bench", "Bench", "measure the simulation's speed on this machine, beside its peers"),
     "serve": Verb("serve", "Serve", "serve an exported policy to a robot's controller, and record it"),
+    "cell": Verb("cell", "CellVerb", "run the virtual cell: robot, saw and sheet for a policy server"),
 }
 
 

@@ -28,6 +28,7 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.disturbance.kernel import log_prior, powers
 
+_BLOCK = 1250  # stamps summed at once
 _NEVER = -700.0  # as a log prior: nothing, yet finite
 
 
@@ -54,8 +55,33 @@ class Hyper(NamedTuple):
     noise: Any  # [A] standard deviation of the independent noise
 
 
-def _moments(harmonics: int, frequency: Array, time: Array, weights: Array, sums: Array) -> tuple[Array, ...]:
-    """Returns Re, Im [G, 2 J] of sum_i w_i z_i^j, j = 1 .. 2 J, and Re, Im [C, J] of sum_i y_i z_i^j."""
+def _moments(
+    harmonics: int, frequency: Array, time: Array, weights: Array, sums: Array, slopes: bool = False
+) -> tuple[Array, ...]:
+    """Returns Re, Im [G, 2 J] of sum_i w_i z_i^j, j = 1 .. 2 J, and Re, Im [C, J] of sum_i y_i z_i^j.
+
+    With `slopes` the same of t w and t y follow behind them, [2 G, 2 J] and [2 C, J]. Long records are summed
+    block by block, so that the powers of z and the rows stay in the processor's cache.
+    """
+    blocks, rest = divmod(len(time), _BLOCK)
+    rows = (time, weights, sums)
+    if blocks < 2:
+        return _block_moments(harmonics, frequency, time, weights, sums, slopes)
+
+    def add(i: Array, total: tuple[Array, ...]) -> tuple[Array, ...]:
+        t, w, y = (jax.lax.dynamic_slice_in_dim(row, i * _BLOCK, _BLOCK, -1) for row in rows)
+        found = _block_moments(harmonics, frequency, t, w, y, slopes)
+        return tuple(t + f for t, f in zip(total, found, strict=True))
+
+    t, w, y = (row[..., len(time) - _BLOCK - rest :] for row in rows)
+    return jax.lax.fori_loop(0, blocks - 1, add, _block_moments(harmonics, frequency, t, w, y, slopes))
+
+
+def _block_moments(
+    harmonics: int, frequency: Array, time: Array, weights: Array, sums: Array, slopes: bool
+) -> tuple[Array, ...]:
+    if slopes:
+        weights, sums = (jnp.concatenate([rows, rows * time], 0) for rows in (weights, sums))
     cos, sin = powers(time * frequency, harmonics)
     blocks, channels = len(weights), len(sums)
     stacked = jnp.concatenate([weights, sums, weights * cos[-1], weights * sin[-1]], 0)
@@ -67,16 +93,13 @@ def _moments(harmonics: int, frequency: Array, time: Array, weights: Array, sums
     return low_re, low_im, re[blocks:high], im[blocks:high]
 
 
+def _plain_moments(harmonics, frequency, time, weights, sums):
+    return _moments(harmonics, frequency, time, weights, sums)
+
+
 def _moments_forward(harmonics, frequency, time, weights, sums):
     g, c = len(weights), len(sums)
-    both = _moments(
-        harmonics,
-        frequency,
-        time,
-        jnp.concatenate([weights, weights * time], 0),
-        jnp.concatenate([sums, sums * time], 0),
-    )
-    w_re, w_im, y_re, y_im = both
+    w_re, w_im, y_re, y_im = _moments(harmonics, frequency, time, weights, sums, True)
     rate = 2.0 * jnp.pi * jnp.arange(1, 2 * harmonics + 1, dtype=time.dtype)
     low = rate[:harmonics]
     slopes = (-rate * w_im[g:], rate * w_re[g:], -low * y_im[c:], low * y_re[c:])
@@ -89,7 +112,7 @@ def _moments_backward(harmonics, saved, bars):
     return slope, jnp.zeros_like(time), jnp.zeros_like(weights), jnp.zeros_like(sums)
 
 
-_smooth_moments = jax.custom_vjp(_moments, nondiff_argnums=(0,))
+_smooth_moments = jax.custom_vjp(_plain_moments, nondiff_argnums=(0,))
 _smooth_moments.defvjp(_moments_forward, _moments_backward)
 
 

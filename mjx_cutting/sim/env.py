@@ -11,8 +11,7 @@ environment; batch them with `jax.vmap`, or use `wrapper.TrainingWrapper`, which
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,61 +24,9 @@ from mjx_cutting.sim import action as actions
 from mjx_cutting.sim import force as forces
 from mjx_cutting.sim import observation, randomize, reward, robot, termination
 from mjx_cutting.sim.config import EnvConfig
+from mjx_cutting.sim.state import METRICS, EnvState, SimState, body_of, conditions_of, split
 from mjx_cutting.sim.substep import Body, Conditions, Orders, Plant, Sums
 from mjx_cutting.sim.vectors import Vector, constant
-
-
-class SimState(NamedTuple):
-    """Everything that an episode remembers, one environment.
-
-    Fields: `q`, `qd` [7]; `heights` [cells] of the sheet, m; `setpoint` [5] (logarithm of the gains, feed
-    adjustment, depth); `reference_m` along the path; `angle_rad` of the spindle; `memory` of the force model;
-    `draw` of the disturbance; `filtered_n` [3]; `cut_length_m`, `time_s`; `tcp_m` [3]; `key`; `episode` what
-    was drawn at reset.
-    """
-
-    q: Array
-    qd: Array
-    heights: Array
-    setpoint: Array
-    reference_m: Array
-    angle_rad: Array
-    memory: Any
-    draw: Any
-    filtered_n: Array
-    cut_length_m: Array
-    time_s: Array
-    tcp_m: Array
-    key: Array
-    episode: randomize.Episode
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class EnvState:
-    """State of an environment, shaped as brax's training expects it.
-
-    Fields: `pipeline_state` a `SimState`; `obs` [15]; `reward`, `done` []; `metrics` amounts of this step;
-    `info` the clean observation, how the episode ended, and sums over the episode.
-    """
-
-    pipeline_state: SimState
-    obs: Array
-    reward: Array
-    done: Array
-    metrics: dict[str, Array]
-    info: dict[str, Any]
-
-    def replace(self, **changes: Any) -> EnvState:
-        """The same state with some fields changed."""
-        return dataclasses.replace(self, **changes)
-
-
-METRICS = (
-    "mrv_mm3", "contact_s", "contact_load_n_s", "contact_error_mm_s", "progress_m", "saturated_s",
-    "completed", "failed", "nan",
-)  # fmt: skip
-"""Amounts of one policy step; sums over an episode give volume, time in contact, and means over contact."""
 
 
 class CuttingEnv:
@@ -222,14 +169,14 @@ class CuttingEnv:
         part, window_m = self.plant.workpiece.take(sim.heights, first)
         gains = jnp.exp(setpoint[:3])
         orders = Orders(
-            stiffness_s2=_split(gains * sim.episode.gain_factor),
+            stiffness_s2=split(gains * sim.episode.gain_factor),
             feed_m_s=config.nominal_feed_m_s * (1.0 + setpoint[3]),
             depth_m=sim.setpoint[4],
             sink_m_s=(setpoint[4] - sim.setpoint[4]) / config.policy_step_s,
             window_m=window_m,
         )
         body, sums, memory, draw = self._substeps(
-            _body(sim, part), sim.memory, sim.draw, orders, _conditions(sim.episode), gp_key
+            body_of(sim, part), sim.memory, sim.draw, orders, conditions_of(sim.episode), gp_key
         )
         after = SimState(
             q=jnp.stack(body.q),
@@ -275,7 +222,7 @@ class CuttingEnv:
             force: Vector = (zero, zero, zero)
             if active:
                 value = disturbance.value(draw)
-                force = _split(value if extra is None else value + extra)
+                force = split(value if extra is None else value + extra)
                 draw = disturbance.advance(draw, config.physics_step_s)
             body, sums, memory = self.plant.advance(body, sums, memory, orders, conditions, k, force)
             return (body, sums, memory, draw), None
@@ -371,30 +318,3 @@ class CuttingEnv:
         mujoco.mj_kinematics(self.robot.model, data)
         columns = np.round(data.site("tcp").xmat.reshape(3, 3), 9)
         return tuple(constant(columns[:, k]) for k in range(3))
-
-
-def _body(sim: SimState, part: tuple[Array, ...]) -> Body:
-    return Body(
-        q=tuple(sim.q[i] for i in range(robot.JOINTS)),
-        qd=tuple(sim.qd[i] for i in range(robot.JOINTS)),
-        reference_m=sim.reference_m,
-        angle_rad=sim.angle_rad,
-        part=part,
-        filtered_n=_split(sim.filtered_n),
-        cut_length_m=sim.cut_length_m,
-        time_s=sim.time_s,
-    )
-
-
-def _conditions(episode: randomize.Episode) -> Conditions:
-    return Conditions(
-        material=episode.material,
-        thickness_m=episode.thickness_m,
-        sheet_height_m=episode.sheet_height_m,
-        sheet_slope=episode.sheet_slope,
-        payload_kg=episode.payload_kg,
-    )
-
-
-def _split(vector: Array) -> Vector:
-    return (vector[0], vector[1], vector[2])

@@ -1,19 +1,4 @@
-"""One draw of everything that differs between episodes, as a pure function of a key.
-
-Distributions (each independent unless said):
-
-* material: uniform over `config.materials`;
-* K_tc, K_te: log-uniform in the ranges of `materials.MATERIALS`; K_re = K_te times a log-uniform ratio;
-  K_rc = K_tc times a uniform ratio; K_ac = K_ae = 0 (straight teeth). For "model": the constants given;
-* spindle angle at the start: uniform over a turn;
-
-and, with `config.randomize` (else all zero):
-
-* height error of the sheet: normal, `sheet_height_std_m`; slope along the feed: normal, `sheet_slope_std`;
-* force bias per axis: normal, `sensor_bias_std_n`;
-* stiffness realised / commanded: 1 + uniform +-`gain_error`, one factor for each axis;
-* error of the saw's mass: uniform +-`payload_error_kg`, at its centre of mass.
-"""
+"""One draw of everything that differs between episodes, as a pure function of a key: see `draw`."""
 
 from __future__ import annotations
 
@@ -52,7 +37,22 @@ class Episode(NamedTuple):
 
 
 def draw(key: Array, config: EnvConfig, model_material: Material | None = None) -> Episode:
-    """One episode's conditions.
+    """One episode's conditions, a pure function of its arguments.
+
+    Distributions (each independent unless said):
+
+    * material: uniform over `config.materials`;
+    * K_tc, K_te: log-uniform in the ranges of `materials.MATERIALS`; K_re = K_te times a log-uniform ratio;
+      K_rc = K_tc times a uniform ratio; K_ac = K_ae = 0 (straight teeth). For "model": the constants given;
+    * spindle angle at the start: uniform over a turn;
+
+    and, with `config.randomize` (else all zero):
+
+    * height error of the sheet: normal, `sheet_height_std_m`;
+    * slope of the sheet along the feed: normal, `sheet_slope_std`;
+    * force bias per axis: normal, `sensor_bias_std_n`;
+    * stiffness realised / commanded: 1 + uniform +-`gain_error`, one factor for each axis;
+    * error of the saw's mass: uniform +-`payload_error_kg`, at its centre of mass.
 
     Arguments:
         key: PRNG key.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import jax
 import mujoco
 import numpy as np
 
+from mjx_cutting import _files, _platform
 from mjx_cutting.sim.env import CuttingEnv, EnvState
 from mjx_cutting.sim.scene import Scene, Snapshot, add_cut, scene_model
 from mjx_cutting.sim.traces import draw_traces
@@ -39,14 +41,42 @@ def take(env: CuttingEnv, state: EnvState) -> Snapshot:
         force_n=values[7:10].astype(float),
         time_s=float(sim.time_s),
         values=tuple(float(v) for v in traces),
+        totals={
+            **{name: float(value) for name, value in state.info["episode_sums"].items()},
+            "terminated": float(state.info["terminated"]),
+            "truncated": float(state.info["truncated"]),
+        },
     )
+
+
+def tell(shot: Snapshot, material: str) -> dict[str, Any]:
+    """What an episode came to, from its last snapshot: means over the time in contact, sums, how it ended."""
+    sums = shot.totals
+    contact = max(sums["contact_s"], 1e-9)
+    if sums["completed"]:
+        ended = "completed"
+    elif sums["failed"]:
+        ended = "failed"
+    else:
+        ended = "out of time" if sums["truncated"] else "not ended"
+    return {
+        "material": material,
+        "ended": ended,
+        "time_s": shot.time_s,
+        "contact_s": sums["contact_s"],
+        "path_deviation_mm": sums["contact_error_mm_s"] / contact,
+        "load_n": sums["contact_load_n_s"] / contact,
+        "mrv_mm3": sums["mrv_mm3"],
+        "reward": sums["reward"],
+    }
 
 
 def play(
     env: CuttingEnv, policy: Callable[[Any], Any], seed: int = 0, every: int = 1, limit: int | None = None
 ) -> Iterator[tuple[Snapshot, str]]:
     """Snapshots of one episode under `policy` (observation to action), and the name of its sheet."""
-    reset, step = jax.jit(env.reset), jax.jit(lambda state: env.step(state, policy(state.obs)))
+    jit = _platform.jit if env.config.engine == "mjx" else jax.jit
+    reset, step = jit(env.reset), jit(lambda state: env.step(state, policy(state.obs)))
     state = reset(jax.random.key(seed))
     material = env.config.materials[int(state.info["material"])]
     for count in range(limit or env.config.max_episode_steps):
@@ -69,6 +99,7 @@ def render_video(
     every: int = 2,
     speed: float = 1.0,
     say: Callable[[float], None] = lambda time_s: None,
+    keep: Callable[[tuple[Snapshot, str]], None] = lambda shot: None,
 ) -> Path:
     """Path of a video (.mp4 or .gif) of one episode, with traces below the picture.
 
@@ -78,6 +109,7 @@ def render_video(
         every: policy steps per picture.
         speed: 1 is real time.
         say: called with the simulated time of each picture.
+        keep: called with each picture's snapshot and the name of the sheet.
 
     Raises:
         ValueError: a suffix other than .mp4 or .gif, or a size that is too narrow or odd.
@@ -93,17 +125,17 @@ def render_video(
     mediapy = _mediapy()
     rate = speed / (every * env.config.policy_step_s)
     width, height = size
-    history: list[Snapshot] = []
     shape = (height + _TRACE_HEIGHT, width)
-    if path.suffix == ".gif":
-        frames = list(_frames(env, policy, seed, every, camera, size, history, say))
-        mediapy.write_video(path, frames, fps=rate, codec="gif")
-        return path
+    frames = _frames(env, policy, seed, every, camera, size, say, keep)
     part = path.with_name(path.stem + ".part" + path.suffix)
+    path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with mediapy.VideoWriter(part, shape=shape, fps=rate, crf=20) as writer:
-            for frame in _frames(env, policy, seed, every, camera, size, history, say):
-                writer.add_image(frame)
+        if path.suffix == ".gif":
+            mediapy.write_video(part, list(frames), fps=rate, codec="gif")
+        else:
+            with mediapy.VideoWriter(part, shape=shape, fps=rate, crf=20) as writer:
+                for frame in frames:
+                    writer.add_image(frame)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -120,9 +152,16 @@ def render_still(
     size: tuple[int, int] = (960, 540),
     at_s: float = 10.0,
 ) -> Path:
-    """Path of a picture (.png) of one episode `at_s` seconds after its start, with the traces so far."""
+    """Path of a picture (.png) of one episode `at_s` seconds after its start, with the traces so far.
+
+    Raises:
+        ValueError: a suffix other than .png.
+    """
     from PIL import Image
 
+    path = Path(path)
+    if path.suffix != ".png":
+        raise ValueError(f"the picture is to be written to {path.name}; expected a name that ends in .png")
     limit = round(at_s * env.config.policy_rate_hz)
     frame = None
     history: list[Snapshot] = []
@@ -132,11 +171,9 @@ def render_still(
             history.append(shot)
             scene.follow(shot)
         frame = _compose(scene.draw(shots[-1][0]), history)
-    path = Path(path)
-    part = path.with_name(path.stem + ".part" + path.suffix)
-    Image.fromarray(frame).save(part)
-    part.replace(path)
-    return path
+    buffer = io.BytesIO()
+    Image.fromarray(frame).save(buffer, format="png")
+    return _files.write_atomic(path, buffer.getvalue())
 
 
 def view(env: CuttingEnv, policy: Callable[[Any], Any], seed: int = 0) -> None:
@@ -177,16 +214,18 @@ def _frames(
     every: int,
     camera: str,
     size: tuple[int, int],
-    history: list[Snapshot],
     say: Callable[[float], None],
+    keep: Callable[[tuple[Snapshot, str]], None],
 ) -> Iterator[np.ndarray]:
     scene: Scene | None = None
+    history: list[Snapshot] = []
     try:
         for shot, material in play(env, policy, seed, every):
             if scene is None:
                 scene = Scene(env, material, size[0], size[1], camera)
             history.append(shot)
             say(shot.time_s)
+            keep((shot, material))
             yield _compose(scene.draw(shot), history)
     finally:
         if scene is not None:

@@ -37,7 +37,8 @@ class Snapshot:
     """What one picture shows.
 
     Fields: `q` [7]; `tcp_m` [3]; `heights` [cells]; `force_n` [3] observed, base axes; `time_s`; `values` of
-    the traces, in order of `traces.NAMES`.
+    the traces, in order of `traces.NAMES`; `totals` sums over the episode so far, by name, with "terminated"
+    and "truncated".
     """
 
     q: np.ndarray
@@ -46,6 +47,7 @@ class Snapshot:
     force_n: np.ndarray
     time_s: float
     values: tuple[float, ...]
+    totals: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass

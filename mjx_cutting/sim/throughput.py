@@ -22,6 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mjx_cutting import _platform
 from mjx_cutting.sim.config import EnvConfig
 from mjx_cutting.sim.env import CuttingEnv
 
@@ -42,7 +43,8 @@ def measure_rate(
         jit: which jit; the plain one by default.
 
     Returns:
-        physics_steps_per_s, microseconds_per_step (per environment and physics step), first_call_s.
+        physics_steps_per_s, microseconds_per_step (per environment and physics step), first_call_s, and
+        bytes_per_environment: what the compiled call holds at once (state in, state out, work space).
     """
     keys = jax.random.split(jax.random.key(1), unroll)
     step = jax.vmap(env.step)
@@ -53,11 +55,14 @@ def measure_rate(
 
         return jax.lax.scan(one, state, keys)[0]
 
-    run, reset = jit(unrolled), jit(jax.vmap(env.reset))
+    reset = jit(jax.vmap(env.reset))
     state = jax.block_until_ready(reset(jax.random.split(jax.random.key(0), batch)))
     start = time.perf_counter()
+    run = jit(unrolled).lower(state, keys).compile()
     state = jax.block_until_ready(run(state, keys))
     first = time.perf_counter() - start
+    memory = run.memory_analysis()
+    held = memory.argument_size_in_bytes + memory.output_size_in_bytes + memory.temp_size_in_bytes
     times: list[float] = []
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds or len(times) < 3:
@@ -70,6 +75,7 @@ def measure_rate(
         "physics_steps_per_s": steps / best,
         "microseconds_per_step": 1e6 * best / steps,
         "first_call_s": first,
+        "bytes_per_environment": held / batch,
     }
 
 
@@ -133,12 +139,20 @@ def compare(
     Returns:
         a dictionary ready for JSON: rates by engine and batch, peers, ratios, compile times, machine.
     """
-    result: dict[str, Any] = {"machine": machine(), "rates": {}, "peers": {}}
+    result: dict[str, Any] = {
+        "command": [os.path.basename(sys.argv[0]), *sys.argv[1:]],
+        "timing": "best of several repeats: other work on the machine can only slow them",
+        "versions": _platform.versions(),
+        "machine": machine(),
+        "rates": {},
+        "peers": {},
+    }
     for engine in engines:
         env = CuttingEnv(EnvConfig(engine=engine))
         result["rates"][engine] = {}
+        jit = _platform.jit if engine == "mjx" else jax.jit
         for batch in batches:
-            figure = measure_rate(env, batch, seconds)
+            figure = measure_rate(env, batch, seconds, jit=jit)
             result["rates"][engine][str(batch)] = figure
             say(f"{engine}, {batch} environments: {figure['physics_steps_per_s']:,.0f} physics steps/s")
         result["state_bytes_per_environment"] = state_bytes(env)
@@ -149,6 +163,7 @@ def compare(
     if peers:
         from mjx_cutting.sim import peers as others
 
+        result["batch_compared"] = max(rates, key=lambda batch: rates[batch])
         for name, rate in (
             ("gym_one_process", lambda: others.gym_rate(1, seconds)),
             ("gym_two_processes", lambda: others.gym_rate(2, seconds)),
@@ -178,10 +193,16 @@ def table(result: dict[str, Any]) -> str:
             )
     for name, rate in result["peers"].items():
         lines.append(f"| {name.replace('_', ' ')} | | {rate:,.0f} | {1e6 / rate:.3f} | |")
-    for key, value in result.items():
-        if key.startswith("ratio_"):
-            lines.append(f"| {key.replace('_', ' ')} | | {value:.1f} | | |")
-    return "\n".join(lines)
+    told = [
+        f"{key.replace('_', ' ')}: {value:.1f}" for key, value in result.items() if key.startswith("ratio_")
+    ]
+    if result["flatness_256_up"] is not None:
+        told.append(f"fastest over slowest from 256 environments up: {result['flatness_256_up']:.2f}")
+    told.append(f"state of one environment: {result['state_bytes_per_environment']} bytes")
+    if "compile_cold_s" in result:
+        cold, cached = result["compile_cold_s"], result["compile_cached_s"]
+        told.append(f"first step call in a fresh process: {cold:.1f} s cold, {cached:.1f} s cached")
+    return "\n".join([*lines, "", *told])
 
 
 def machine() -> dict[str, Any]:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from mjx_cutting import _platform
 from mjx_cutting.trials.dataset import Dataset
 from mjx_cutting.trials.download import RETRIES, VARIABLE, RemoteFile, check_folder, download, is_cached
 from mjx_cutting.trials.importers import drilling, slotting
@@ -81,10 +82,8 @@ CATALOGUE: dict[str, PublicData] = {
 
 
 def cache_folder() -> Path:
-    """Where downloads are kept in the user's cache."""
-    import pooch
-
-    return Path(pooch.os_cache("mjx-cutting")) / "data"
+    """Where downloads are kept: `data` in this package's cache folder ($MJX_CUTTING_CACHE moves it)."""
+    return _platform.cache_folder() / "data"
 
 
 def locate(name: str, *, cache: Path | None = None) -> Path | None:

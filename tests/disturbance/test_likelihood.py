@@ -9,7 +9,7 @@ import pytest
 import tinygp
 
 from mjx_cutting import _platform
-from mjx_cutting.disturbance import likelihood, search, statistics
+from mjx_cutting.disturbance import kernel, likelihood, search, statistics
 from mjx_cutting.disturbance.kernel import fourier
 
 HYPER = likelihood.Hyper(
@@ -120,3 +120,35 @@ def test_vmapped_objective_equals_a_loop(x64):
         value, slope = alone(jnp.asarray(x[i]), *fixed)
         np.testing.assert_allclose(together[0][i], value, rtol=1e-12)
         np.testing.assert_allclose(together[1][i], slope, rtol=1e-9, atol=1e-9)
+
+
+def test_long_records_are_summed_in_blocks_without_loss(x64):
+    rng = np.random.default_rng(8)
+    time = np.sort(rng.uniform(0.0, 5.0, 2 * likelihood._BLOCK + 617))
+    reduced = statistics.reduce(time, rng.normal(size=(2, len(time), 1)))
+    rows = search.rows_of(reduced)
+    G, b = likelihood.grams(jnp.asarray(3.1), rows, 12)
+    phi = fourier(time, 3.1, 12)
+    np.testing.assert_allclose(G[0], phi.T @ phi, atol=1e-9 * len(time))
+    np.testing.assert_allclose(b[1, 0], phi.T @ reduced.sums[1, 0], atol=1e-8)
+
+    def total(frequency):
+        G, b = likelihood.grams(frequency, rows, 12)
+        return jnp.sum(jnp.tanh(G / len(time))) + jnp.sum(b**2)
+
+    slope = jax.grad(total)(jnp.asarray(3.1))
+    near = [float(total(jnp.asarray(3.1 + step))) for step in (1e-6, -1e-6)]
+    assert float(slope) == pytest.approx((near[0] - near[1]) / 2e-6, rel=1e-5)
+
+
+def test_the_bound_on_constants_is_one_on_host_and_in_graph(x64):
+    length, amplitude, most = np.array([0.5, 20.0]), np.array([1.0, 40.0]), np.array([[0.3, 2.0], [9.0, 0.1]])
+    hyper = likelihood.Hyper(2.0, length, amplitude, length, amplitude, np.ones(2))
+    host = search.prior_variances(hyper, 16, 16, most)
+    for variances, bound in zip(host, most, strict=True):
+        logs = likelihood.bounded(kernel.log_prior(jnp.asarray(length), jnp.asarray(amplitude), 16),
+                                  2.0 * jnp.log(jnp.asarray(bound)))  # fmt: skip
+        np.testing.assert_allclose(np.exp(logs), variances, rtol=1e-9, atol=1e-300)
+        assert np.all(variances[:, 0] <= bound**2)
+    free = search.prior_variances(hyper, 16, 16, np.full((2, 2), 1e3))
+    np.testing.assert_allclose(free[0][0, 0], kernel.prior(0.5, 16)[0], rtol=1e-9)

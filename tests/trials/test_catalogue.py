@@ -9,7 +9,7 @@ import shutil
 
 import pytest
 
-from mjx_cutting.trials import resolve
+from mjx_cutting.trials import catalogue, resolve
 from mjx_cutting.trials.catalogue import CATALOGUE, cache_folder, fetch, locate
 from mjx_cutting.trials.download import DownloadError
 
@@ -84,8 +84,16 @@ def test_a_wrong_copy_below_the_variable_is_refused(tmp_path, monkeypatch):
         resolve("drilling")
 
 
-def test_the_cache_is_the_users():
-    assert cache_folder().parts[-1] == "data" and "mjx-cutting" in str(cache_folder())
+def test_the_cache_is_the_users_and_moves_with_the_package(tmp_path, monkeypatch):
+    monkeypatch.delenv("MJX_CUTTING_CACHE", raising=False)
+    assert cache_folder().parts[-2:] == ("mjx-cutting", "data")
+    monkeypatch.setenv("MJX_CUTTING_CACHE", str(tmp_path))
+    assert cache_folder() == tmp_path / "data"
+    shown = []
+    monkeypatch.setattr(catalogue, "is_cached", lambda folder, files: shown.append(folder))
+    monkeypatch.delenv("MJX_CUTTING_DATA", raising=False)
+    locate("drilling")
+    assert shown == [tmp_path / "data" / "drilling"]
 
 
 @pytest.mark.measured
