@@ -38,6 +38,9 @@ class Export:
     seed: int = 0
     """Seed of the random golden pairs."""
 
+    allow_failed_check: bool = False
+    """Export a policy too that fails the check in C MuJoCo; the file says that it failed."""
+
     def run(self) -> int:
         """Writes the file; returns 0, or 1 where the golden pairs are not reproduced."""
         folder = self.source if self.source.is_dir() else self.source.parent
@@ -70,7 +73,13 @@ class Export:
             return Artefact.load(self.source)
         from mjx_cutting.deploy.export import build_run
 
-        return build_run(self.source, pairs=self.pairs, seed=self.seed)
+        artefact = build_run(
+            self.source, pairs=self.pairs, seed=self.seed, allow_failed_check=self.allow_failed_check
+        )
+        verdict = artefact.provenance["sim_to_sim"]
+        word = {True: "passed", False: "FAILED", None: "not flown"}[verdict["passed"]]
+        print("; ".join([f"check in C MuJoCo: {word}", *verdict["reasons"]]))
+        return artefact
 
 
 def _verify(path: Path) -> int:

@@ -20,6 +20,7 @@ import numpy as np
 
 from mjx_cutting import runs
 from mjx_cutting.deploy.artefact import CONVENTIONS, Artefact
+from mjx_cutting.deploy.export_check import checked
 from mjx_cutting.deploy.runtime import save_verified
 from mjx_cutting.learning.checkpoint import load_policy
 from mjx_cutting.learning.policy import CLIP_STD, Policy
@@ -34,8 +35,9 @@ def export_policy(
     conventions: Mapping[str, str] | None = None,
     pairs: int = 64,
     seed: int = 0,
+    allow_failed_check: bool = False,
 ) -> Artefact:
-    """Returns the artefact that now stands in `path`, written atomically and verified.
+    """Returns the artefact that now stands in `path`, checked in C MuJoCo, written atomically and verified.
 
     Args:
         policy: what `mjx_cutting.learning` trained.
@@ -44,30 +46,36 @@ def export_policy(
         conventions: what the numbers mean, added to those of artefact.py.
         pairs: golden pairs drawn at random, besides those at the edges, at least 1.
         seed: of the random pairs.
+        allow_failed_check: write a policy too that fails the check of export_check.py.
 
     Raises:
-        ValueError: an argument is out of range, or the runtime does not reproduce the policy.
+        ValueError: an argument is out of range, the policy fails the check, or the runtime does not reproduce
+            it.
         OSError: the file cannot be written.
     """
     artefact = build(policy, provenance=provenance, conventions=conventions, pairs=pairs, seed=seed)
+    artefact = checked(artefact, allow_failed=allow_failed_check)
     save_verified(artefact, path)
     return artefact
 
 
-def build_run(run: str | os.PathLike[str], *, pairs: int = 64, seed: int = 0) -> Artefact:
-    """Returns the artefact of the policy in a run folder of train or adapt, without writing it.
+def build_run(
+    run: str | os.PathLike[str], *, pairs: int = 64, seed: int = 0, allow_failed_check: bool = False
+) -> Artefact:
+    """Returns the checked artefact of the policy in a run folder of train or adapt, without writing it.
 
     What its observations mean (frames, how the force was averaged) comes from the run's settings.
 
     Raises:
-        ValueError: there is no policy or it is not whole, the settings are not readable, or an argument is
-            out of range.
+        ValueError: there is no policy or it is not whole, the settings are not readable, an argument is out
+            of range, or the policy fails the check of export_check.py and `allow_failed_check` is not given.
     """
     policy = load_policy(Path(run))
     env = stored_config(Path(run))["env"]
     provenance = {"run": Path(run).resolve().name, "env": dict(env)}  # the server reads tool and feed there
     conventions = _conventions(env)
-    return build(policy, provenance=provenance, conventions=conventions, pairs=pairs, seed=seed)
+    artefact = build(policy, provenance=provenance, conventions=conventions, pairs=pairs, seed=seed)
+    return checked(artefact, allow_failed=allow_failed_check)
 
 
 def _conventions(env: Mapping[str, Any]) -> dict[str, str]:

@@ -1,8 +1,8 @@
 """Robot, tool and sheet as one thing that is ticked each millisecond and talks in packets.
 
-A tick: packets that have come are taken, set-points are interpolated, the saw turns by a millisecond while its
-centre moves as it does, the force of the last millisecond acts on the arm, and every second tick a sample of
-the sensor leaves as a STATE. Process axes to base axes: x_b = z_p, y_b = -x_p, z_b = -y_p.
+A tick: packets that have come are taken, set-points are interpolated, the saw turns by a millisecond while
+its centre moves as it does, the force acts on the arm, and every second tick a sample of the sensor leaves as
+a STATE. Process axes to base axes: x_b = z_p, y_b = -x_p, z_b = -y_p.
 """
 
 from __future__ import annotations
@@ -140,9 +140,9 @@ class Cell:
         out = [self.endpoint.ask(now_ns)]
         if self._ticks % 2 == 0:
             out.append(self.endpoint.state(self._state(), now_ns))
-        for data in out:
-            if data is not None:
-                self._wires[1].put(data, now_ns)
+        for packet in out:
+            if packet is not None:
+                self._wires[1].put(packet, now_ns)
         return self._wires[1].take(now_ns)
 
     def _advance(self, goal: Goal) -> None:
@@ -161,11 +161,11 @@ class Cell:
         self._load = _to_base(mean)
         radius = 0.5 * config.diameter_m
         sine, cosine = math.sin(sweep.arm_rad), math.cos(sweep.arm_rad)
-        self._lever = np.array([0.0, -radius * sine, radius * (1.0 - cosine)]) if sweep.contact else np.zeros(3)
-        self.structure.step(mean[:2])
-        wish = np.array(
-            [config.start_m[0], config.start_m[1] - goal.path_m, config.surface_m - goal.depth_m]
+        self._lever = (
+            np.array([0.0, -radius * sine, radius * (1.0 - cosine)]) if sweep.contact else np.zeros(3)
         )
+        self.structure.step(mean[:2])
+        wish = np.array([config.start_m[0], config.start_m[1] - goal.path_m, config.surface_m - goal.depth_m])
         arm.step(wish, np.array([0.0, -goal.feed_m_s, -goal.sink_m_s]), goal.gain_s2, self._load, self._lever)
         # the wrist feels the mean load in MuJoCo; here the course of it within the millisecond is added
         inertia = _to_base(np.array([*self.structure.inertia_n, 0.0]))
@@ -213,7 +213,8 @@ class Cell:
         tip, speed = self.arm.tip_m, self.arm.velocity_m_s
         swing, rate = self.structure.shift_m, self.structure.speed_m_s
         return (
-            self.config.start_m[1] - tip[1] + swing[0], tip[2] - swing[1], rate[0] - speed[1], speed[2] - rate[1]
+            self.config.start_m[1] - tip[1] + swing[0], tip[2] - swing[1],
+            rate[0] - speed[1], speed[2] - rate[1],
         )  # fmt: skip
 
     def _blade(self) -> Blade:

@@ -1,7 +1,7 @@
 """The controller's end of the UDP conversation, without a socket: bytes in, bytes out.
 
-HELLO until WELCOME; then STATE at 500 Hz, ARM and START until the server runs, STOP when asked to; COMMANDs are
-taken only with this session's number and challenge and a sequence above the last one.
+HELLO until WELCOME; then STATE at 500 Hz, ARM and START until the server runs, STOP when asked to; COMMANDs
+are taken only with this session's number and challenge and a sequence above the last one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,6 @@ class Endpoint:
             if self.welcome is not None:
                 return None
             self.welcome, self._challenge = body, packet.challenge
-            self._heard = packet.sequence
             return body
         if isinstance(body, Command) and self._mine(packet):
             self._heard = self.taken = packet.sequence

@@ -160,7 +160,7 @@ def from_dict(tables: dict[str, Any]) -> Hidden:
     for name, table in tables.items():
         if name not in kinds or not isinstance(table, dict):
             raise ValueError(f"got the table {name!r}; expected tables of {', '.join(kinds)}")
-        plain: Any = kinds[name]()  # type: ignore[operator, misc]
+        plain: Any = kinds[name]()  # type: ignore[operator]
         unknown = set(table) - {each.name for each in dataclasses.fields(plain)}
         if unknown:
             known = ", ".join(each.name for each in dataclasses.fields(plain))
@@ -186,7 +186,11 @@ def _value(name: str, value: Any, default: Any) -> Any:
     several = isinstance(default, tuple)
     values = value if isinstance(value, list | tuple) else (value,)
     wrong = any(isinstance(v, bool) or not isinstance(v, int | float) or not low <= v <= high for v in values)
-    if wrong or several != isinstance(value, list | tuple) or (default and several and len(values) != len(default)):
+    if (
+        wrong
+        or several != isinstance(value, list | tuple)
+        or (default and several and len(values) != len(default))
+    ):
         count = f"{len(default) or 'a list of'} numbers" if several else "a number"
         raise ValueError(f"got {name} = {value!r}; expected {count} in {low:g} to {high:g}")
     return tuple(float(v) for v in values) if several else type(default)(value)

@@ -22,7 +22,7 @@ class Kerf:
         self._start, self._thickness, self._radius = start_m, thickness_m, radius_m
 
     def cut(self, along_m: float, depth_m: float) -> float:
-        """The area, m^2, that a saw takes away with its lowest point at `along_m`, `depth_m` below the top."""
+        """The area, m^2, that a saw takes with its lowest point at `along_m`, `depth_m` below the top."""
         if depth_m <= 0.0:
             return 0.0
         reach = min(REACH_M, (2.0 * self._radius * depth_m) ** 0.5 + CELL_M)

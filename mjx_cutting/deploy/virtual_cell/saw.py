@@ -19,6 +19,7 @@ theta is small against 1, and the spindle's turn in a step below the smallest to
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,5 +200,5 @@ class Saw:
         return part, chip, share, np.minimum((when * self.slots).astype(np.intp), self.slots - 1)
 
 
-def _share(value: Array) -> Array:
+def _share(value: NDArray[Any]) -> NDArray[Any]:
     return np.minimum(np.maximum(value, 0.0), 1.0)

@@ -45,7 +45,13 @@ class Score:
     _touched: bool = False
 
     def add(
-        self, load_n: Array, error_m: Array, contact: bool, removed_mm3: float, chips_mm3: float, saturated: bool
+        self,
+        load_n: Array,
+        error_m: Array,
+        contact: bool,
+        removed_mm3: float,
+        chips_mm3: float,
+        saturated: bool,
     ) -> None:
         """One millisecond."""
         self.time_s += 1e-3
