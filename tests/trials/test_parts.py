@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -153,3 +154,10 @@ def test_a_session_that_is_wrong_is_said_before_anything_is_recorded(
     with pytest.raises(ValueError, match=told):
         parts.Parts(tmp_path / "d", {**SESSION, **change})
     assert not (tmp_path / "d").exists()
+
+
+def test_the_documented_session_is_one(repository: Path) -> None:
+    text = (repository / "docs" / "serving.md").read_text()
+    (block,) = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    session = parts.check_session(json.loads(block))
+    assert session["axes"] == list(parts.BASE_AXES)
