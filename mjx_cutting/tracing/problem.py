@@ -210,6 +210,13 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     return lines * problem.gain[..., None]
 
 
+def marks(problem: Problem, model: ForceModel, phase_rad: Array) -> Array:
+    """[R, P, 3] a model's lines at given phases [R], whitened and weighted as the residual is."""
+    turned = jax.vmap(_turned)(model_lines(problem, model), phase_rad)
+    real = jax.vmap(_real)(turned, problem.present)
+    return jnp.einsum("rqp,rqa->rpa", problem.factor, real) * problem.weight
+
+
 def _solve_trial(
     problem: Problem, shared: Array, lines: Array, whitened: Array, factor: Array, present: Array
 ) -> Residual:
