@@ -28,6 +28,10 @@ COLOURS = {
 }
 NEWTON_M = 0.006
 """Length of the force arrow per newton, m; it is drawn from the hub of the saw, where it can be seen."""
+SHADOW_PIXELS = 2048
+"""Side of the shadow map: where OpenGL runs in software, MuJoCo's 4096 take most of the time of a picture."""
+CAP_M = 2e-4
+"""Thickness of the dark layer at the bottom of the kerf, m."""
 HALF_WIDTH_M = 0.055
 """Half the drawn width of the sheet, m."""
 
@@ -112,6 +116,7 @@ def scene_model(env: CuttingEnv, material: str) -> Any:
     """The robot's model with bench, sheet and clamps."""
     config = env.config
     spec = mujoco.MjSpec.from_file(str(robot.asset_path()))
+    spec.visual.quality.shadowsize = SHADOW_PIXELS
     thickness = _thickness(material)
     x, start = config.start_m
     top = config.surface_height_m
@@ -140,21 +145,25 @@ def scene_model(env: CuttingEnv, material: str) -> Any:
 
 
 def add_cut(scene: Any, env: CuttingEnv, material: str, shot: Snapshot, trail: Sequence[np.ndarray]) -> None:
-    """Bottom of the kerf, trail of the tool and force arrow, as geoms of `scene`."""
+    """Bottom of the kerf, trail of the tool before the sheet and force arrow, as geoms of `scene`."""
     config, piece = env.config, env.plant.workpiece
     x, start = config.start_m
     top, thickness = config.surface_height_m, _thickness(material)
-    bottom_colour = np.asarray(COLOURS[material]) * [0.55, 0.55, 0.55, 1.0]
+    plain = np.asarray(COLOURS[material])
     for first, last, tall in _runs(shot.heights, piece.material, thickness):
         if tall <= -thickness + 1e-6:
             continue
         low = piece.origin_m + first * piece.cell_m
         high = piece.origin_m + last * piece.cell_m
-        size = [0.5 * config.kerf_m, 0.5 * (high - low), 0.5 * (tall + thickness)]
-        place = [x, start - 0.5 * (low + high), top - thickness + size[2]]
-        colour = np.asarray(COLOURS[material]) if tall > -1e-6 else bottom_colour
-        _geom(scene, mujoco.mjtGeom.mjGEOM_BOX, size, place, colour)
-    for before, after in zip(trail[:-1:4], trail[4::4], strict=False):
+        dark = CAP_M if -thickness + CAP_M < tall < -1e-6 else 0.0  # a dark bottom shows the kerf
+        layers = ((-thickness, tall - dark, plain), (tall - dark, tall, plain * [0.55, 0.55, 0.55, 1.0]))
+        for below, above, colour in layers[: 2 if dark else 1]:
+            size = [0.5 * config.kerf_m, 0.5 * (high - low), 0.5 * (above - below)]
+            place = [x, start - 0.5 * (low + high), top + 0.5 * (above + below)]
+            _geom(scene, mujoco.mjtGeom.mjGEOM_BOX, size, place, colour)
+    edge_m = start - config.approach_m
+    approach = [tcp for tcp in trail if tcp[1] > edge_m]  # over the sheet the kerf shows the way
+    for before, after in zip(approach[:-1:4], approach[4::4], strict=False):
         _connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.0006, before, after, (0.1, 0.55, 0.25, 1.0))
     hub = shot.tcp_m + [0.0, 0.0, config.radius_m]
     tip = hub + NEWTON_M * shot.force_n
@@ -197,8 +206,8 @@ def _overview(view: Any, env: CuttingEnv, shot: Snapshot) -> None:
 
 
 def _close(view: Any, env: CuttingEnv, shot: Snapshot) -> None:
-    view.lookat[:] = shot.tcp_m + [0.0, 0.01, 0.03]
-    view.distance, view.azimuth, view.elevation = 0.42, 205.0, -22.0
+    view.lookat[:] = shot.tcp_m + [0.0, 0.03, 0.015]
+    view.distance, view.azimuth, view.elevation = 0.29, 240.0, -32.0
 
 
 _CAMERAS = {"overview": _overview, "cut": _close}
