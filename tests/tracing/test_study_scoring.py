@@ -1,0 +1,122 @@
+"""How the injection study marks verdicts, keeps its log and fits its peers."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def load():
+    """Loads a module of the benchmarks by name."""
+    sys.path.insert(0, str(ROOT))
+    yield lambda name: importlib.import_module(f"benchmarks.{name}")
+    sys.path.remove(str(ROOT))
+
+
+def verdict(*names, tied=(), second=None, **parameters):
+    effects = [
+        {"name": name, "parameters": parameters.get(name, {}), "runner_up": second and {"name": second}}
+        for name in names
+    ]
+    return {
+        "verdict": "explained" if names else "unexplained",
+        "effects": effects,
+        "ambiguous": [{"names": list(tied)}] if tied else [],
+        "before": {"heldout_nrmse": 0.3},
+        "after": {"heldout_nrmse": 0.1},
+        "noise_floor_nrmse": 0.1,
+        "remaining": {"depends_on": []},
+    }
+
+
+PAIR = ["radial_runout", "flank_wear"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "hidden", "said", "top1", "top2", "refused", "wrong"),
+    [
+        ("single", ["radial_runout"], verdict("radial_runout"), True, True, False, False),
+        ("single", ["radial_runout"], verdict("crosstalk", second="radial_runout"), False, True, False, True),
+        ("single", ["radial_runout"], verdict(), False, False, True, False),
+        ("single", ["radial_runout"], verdict("radial_runout", "crosstalk"), True, True, False, True),
+        ("pair", PAIR, verdict("flank_wear", "radial_runout"), True, True, False, False),
+        ("pair", PAIR, verdict("flank_wear"), False, False, False, False),
+        ("nothing", [], verdict(), False, False, True, False),
+        ("outside", ["gain_switching"], verdict("flank_wear"), False, False, False, True),
+    ],
+)  # fmt: skip
+def test_marks(load, kind, hidden, said, top1, top2, refused, wrong):
+    cases, scoring = load("study.cases"), load("study.scoring")
+    inside = {name: {} for name in hidden if name != "gain_switching"}
+    truth = {"effects": {name: {"offset_m": 1.0, "kappa_n_m2": [1.0]} for name in inside}}
+    row = scoring.marked(cases.Question(kind, "saw", tuple(hidden), "medium", 0), truth, said)
+    assert (row["top1"], row["top2"], row["refused"], row["wrong"]) == (top1, top2, refused, wrong)
+
+
+def test_parameter_error_and_coverage(load):
+    cases, scoring = load("study.cases"), load("study.scoring")
+    told = {"offset_m": {"value": 1.1e-5, "low": 1.05e-5, "high": 1.2e-5, "unit": "m"}}
+    said = verdict("radial_runout", radial_runout=told)
+    question = cases.Question("single", "saw", ("radial_runout",), "medium", 0)
+    row = scoring.marked(question, {"effects": {"radial_runout": {"offset_m": 1e-5}}}, said)
+    assert row["parameters"]["radial_runout"]["relative_error"] == pytest.approx(0.1)
+    assert row["parameters"]["radial_runout"]["covered"] == 0.0
+    error = np.array([0.02, -0.01, 0.0, -0.01])
+    width = {
+        "value": np.roll(error, 2) + 1e-4,
+        "low": np.roll(error, 2) - 1e-3,
+        "high": np.roll(error, 2) + 1e-3,
+    }
+    said = verdict("unequal_pitch", unequal_pitch={"pitch_error_rad": width})
+    question = cases.Question("single", "mill", ("unequal_pitch",), "medium", 0)
+    row = scoring.marked(question, {"effects": {"unequal_pitch": {"pitch_error_rad": error}}}, said)
+    assert row["parameters"]["unequal_pitch"]["covered"] == 1.0
+    assert row["parameters"]["unequal_pitch"]["relative_error"] < 0.02
+
+
+def test_cases_are_distinct_and_can_be_made(load):
+    cases = load("study.cases")
+    every = list(cases.questions(["mill", "saw", "drill", "turning"], [0]))
+    assert len({each.key for each in every}) == len(every) > 200
+    chosen = list(cases.questions(["saw"], [0, 1], ["radial_runout", "nothing"]))
+    assert {each.effects for each in chosen} == {("radial_runout",), ()} and len(chosen) == 8
+    strengths, generator = load("study.strengths"), load("study.designs")
+    for each in every:
+        if each.seed == 0 and each.strength in ("medium", "strong"):
+            session = generator.plan(each.design, 0, each.effects)
+            for name in each.effects:
+                assert strengths.draw(name, session, each.strength, np.random.default_rng(0))
+
+
+def test_a_log_cut_short_is_read_and_a_repeated_case_counts_once(load, tmp_path):
+    study, tables = load("tracing_study"), load("study.tables")
+    row = {
+        "key": "k", "kind": "single", "design": "saw", "effects": ["radial_runout"], "strength": "weak",
+        "seed": 0, "verdict": "explained", "named": ["radial_runout"], "top1": True, "top2": True, "refused": False,
+        "wrong": False, "before": 0.3, "after": 0.1, "floor": 0.1, "parameters": {},
+    }  # fmt: skip
+    log = tmp_path / "log.jsonl"
+    lines = [json.dumps({**row, "top1": False}), json.dumps(row), json.dumps({**row, "key": "m"})]
+    log.write_text("\n".join(lines) + '\n{"key": "cut', encoding="utf-8")
+    found = tables.gathered(study.read(log))
+    assert found["cases"] == 2 and found["groups"][0]["sessions"] == 2 and found["groups"][0]["top1"] == 1.0
+    assert "radial_runout" in tables.printed(found)
+    tables.draw(found, tmp_path / "map.png")
+    assert (tmp_path / "map.png").stat().st_size > 5000
+
+
+def test_sparse_regression_keeps_the_true_terms_only(load):
+    rng = np.random.default_rng(0)
+    library = rng.normal(size=(4000, 12))
+    target = np.stack([2.0 * library[:, 3] - library[:, 7], 0.5 * library[:, 1]], axis=1)
+    weights = load("study.peers").stlsq(library, target + 0.05 * rng.normal(size=target.shape))
+    assert set(np.flatnonzero(weights[:, 0])) == {3, 7} and set(np.flatnonzero(weights[:, 1])) == {1}
+    np.testing.assert_allclose(weights[[3, 7], 0], [2.0, -1.0], atol=0.01)
