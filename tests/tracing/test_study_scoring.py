@@ -100,8 +100,8 @@ def test_a_log_cut_short_is_read_and_a_repeated_case_counts_once(load, tmp_path)
     study, tables = load("tracing_study"), load("study.tables")
     row = {
         "key": "k", "kind": "single", "design": "saw", "effects": ["radial_runout"], "strength": "weak",
-        "seed": 0, "verdict": "explained", "named": ["radial_runout"], "top1": True, "top2": True, "refused": False,
-        "wrong": False, "before": 0.3, "after": 0.1, "floor": 0.1, "parameters": {},
+        "seed": 0, "verdict": "explained", "named": ["radial_runout"], "top1": True, "top2": True,
+        "refused": False, "wrong": False, "before": 0.3, "after": 0.1, "floor": 0.1, "parameters": {},
     }  # fmt: skip
     log = tmp_path / "log.jsonl"
     lines = [json.dumps({**row, "top1": False}), json.dumps(row), json.dumps({**row, "key": "m"})]
