@@ -11,9 +11,11 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import select
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -95,12 +97,16 @@ class Recorder:
 
     def close(self, timeout_s: float = 30.0) -> bool:
         """Ends the session and waits for it; whether everything was recorded."""
-        os.set_blocking(self._pipe, True)
+        end_s = time.monotonic() + timeout_s
         self.flush(running=False)
+        while self._kept and time.monotonic() < end_s:
+            select.select([], [self._pipe], [], 0.1)
+            self.flush(running=False)
+        self.lost += len(self._kept) // _SAMPLE.size
         assert self._child.stdin is not None
         self._child.stdin.close()
         try:
-            return self._child.wait(timeout_s) == 0 and not self.lost
+            return self._child.wait(max(0.0, end_s - time.monotonic())) == 0 and not self.lost
         except subprocess.TimeoutExpired:
             return False  # it goes on by itself
 

@@ -140,5 +140,8 @@ def test_a_stuck_recorder_never_blocks_and_what_is_lost_is_counted(tmp_path: Pat
             recorder.flush(running=True)
     assert time.perf_counter() - start < 5.0
     assert recorder.lost > 0 and recorder.taken + recorder.lost == 60_000
+    start = time.perf_counter()
+    assert not recorder.close(timeout_s=0.3)
+    assert time.perf_counter() - start < 2.0
     recorder._child.kill()
-    assert not recorder.close()
+    recorder._child.wait()
