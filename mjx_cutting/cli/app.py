@@ -59,6 +59,7 @@ VERBS = {
     "bench": Verb("bench", "Bench", "measure the simulation's speed on this machine, beside its peers"),
     "serve": Verb("serve", "Serve", "serve an exported policy to a robot's controller, and record it"),
     "cell": Verb("cell", "CellVerb", "run the virtual cell: robot, saw and sheet for a policy server"),
+    "loop": Verb("loop", "Loop", "close the loop on the virtual cell: serve, record, trace, adapt, again"),
 }
 
 

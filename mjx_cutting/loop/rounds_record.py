@@ -11,6 +11,11 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
+import signal
+import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,6 +34,7 @@ NOISE_N = (0.10, 0.18, 0.10)
 """Noise of one sample, process axes: the Axia80's in x, y, z of the base turned."""
 FEEDS = (-0.5, 0.0, 0.8)
 DEPTHS_M = (0.0006, 0.0012, 0.0019)
+PROBE_CUT_M = 0.08
 SETTLE_S = 0.8
 STEADY_FEED, STEADY_DEPTH, STEADY_M = 0.1, 0.2, 4e-5
 SHORTEST_S = 1.3
@@ -112,20 +118,76 @@ def record(cell: Cell, policies: Sequence[Artefact], folder: Path, name: str) ->
     return flights
 
 
+def record_udp(cell: Cell, policies: Sequence[Artefact], folder: Path, name: str) -> list[Flight]:
+    """The same over real sockets and in real time: `mjx-cutting serve` records, one process a policy.
+
+    Raises:
+        ValueError: a server did not start, or its recording failed.
+    """
+    from mjx_cutting.deploy.virtual_cell.process import Process
+
+    flights = []
+    with tempfile.TemporaryDirectory() as place:
+        described = Path(place) / "session.json"
+        described.write_text(json.dumps(session(cell, name)))
+        for index, policy in enumerate(policies):
+            file = policy.save(Path(place) / "policy.npz")
+            line = [sys.executable, "-m", "mjx_cutting", "serve", str(file), "--port", "0", "--fifo", "0"]
+            line += ["--record", str(folder), "--session", str(described)]
+            server = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            try:
+                port = _port(server)
+                if index:
+                    cell.new_trial()
+                process = Process(cell, ("127.0.0.1", port))
+                outcome = process.run(longest_s=60.0)
+                process.close()
+            finally:
+                server.send_signal(signal.SIGTERM)
+                told, _ = server.communicate(timeout=60)
+            if server.returncode:
+                raise ValueError(f"got a server that ended with status {server.returncode}: {told[-500:]}")
+            flights.append(Flight(outcome.score, tuple(told.splitlines())))
+    return flights
+
+
+def _port(server: subprocess.Popen[str]) -> int:
+    assert server.stdout is not None
+    for line in server.stdout:
+        if line.startswith("serving on "):
+            return int(line.rsplit(":", 1)[1])
+    raise ValueError("got a policy server that ended before it served; expected one that waits for the cell")
+
+
+def merged(folders: Sequence[Path], surface_m: float, most: int) -> Dataset:
+    """The newest `most` steady cuts of several recordings as one dataset.
+
+    Raises:
+        ValueError: a folder holds no dataset, or fewer than two steady cuts are there in all.
+    """
+    from mjx_cutting.trials import read
+
+    read_ = [read(folder) for folder in folders]
+    trials = [
+        dataclasses.replace(trial, file=f"{folder.parent.name}-{trial.file}")
+        for folder, dataset in zip(folders, read_, strict=True)
+        for trial in steady(dataset, surface_m).trials
+    ]
+    if len(trials) < 2:
+        raise ValueError(
+            f"got {len(trials)} steady cuts of {SHORTEST_S} s in {len(folders)} recordings; expected at "
+            "least 2; record slower or longer cuts"
+        )
+    return dataclasses.replace(read_[-1], trials=tuple(trials[-most:]))
+
+
 def steady(dataset: Dataset, surface_m: float) -> Dataset:
     """The dataset's cuts, each cut down to its longest steady stretch at its measured depth and feed.
 
-    Arguments: dataset as recorded; `surface_m` nominal height of the sheet's top.
-
-    Raises:
-        ValueError: fewer than two steady cuts.
+    Arguments: dataset as recorded; `surface_m` nominal height of the sheet's top. A cut without such a
+    stretch is left out.
     """
     kept = [trial for each in dataset.trials if (trial := _stretch(each, surface_m)) is not None]
-    if sum(trial.kind == "cut" for trial in kept) < 2:
-        raise ValueError(
-            f"got {len(dataset.trials)} trials of which fewer than two hold a steady cut of {SHORTEST_S} s; "
-            "record slower or longer cuts"
-        )
     return dataclasses.replace(dataset, trials=tuple(kept))
 
 
