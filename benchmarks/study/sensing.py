@@ -30,13 +30,18 @@ def structure(force: Array, time: Array, position: Array, angle: Array, speed_re
         way = np.array([np.cos(p["direction_rad"]), np.sin(p["direction_rad"])])
         w = 2.0 * np.pi * p["frequency_hz"]
         inertia = ([-p["mass_ratio"], 0.0, 0.0], [1.0, 2.0 * p["damping"] * w, w * w])
-        felt = signal.lfilter(*signal.bilinear(*inertia, fs=rate), made[:, :2] @ way)
+        felt = signal.lfilter(*_digital(*inertia, w, rate), made[:, :2] @ way)
         made[:, :2] += felt[:, None] * way
     if "clamp_mode" in effects:
         made[:, 1] += _sheet(made[:, 1], position, rate, effects["clamp_mode"])
     if "hysteresis" in effects:
         made[:, 0] -= _drive(time, position, effects["hysteresis"])
     return made
+
+
+def _digital(top: list[float], bottom: list[float], exact_rad_s: float, rate: float) -> tuple[Array, Array]:
+    """Bilinear transform that is exact at one frequency, the resonance."""
+    return signal.bilinear(top, bottom, fs=0.5 * exact_rad_s / np.tan(0.5 * exact_rad_s / rate))
 
 
 def _sheet(force: Array, position: Array, rate: float, p: Params) -> Array:
@@ -79,7 +84,7 @@ def sense(
     if "sensor_resonance" in effects:
         p = effects["sensor_resonance"]
         w = 2.0 * np.pi * p["frequency_hz"]
-        digital = signal.bilinear([w * w], [1.0, 2.0 * p["damping"] * w, w * w], fs=rate)
+        digital = _digital([w * w], [1.0, 2.0 * p["damping"] * w, w * w], w, rate)
         made = signal.lfilter(*digital, made, axis=0)
     if "sensor_lowpass" in effects:
         p = effects["sensor_lowpass"]

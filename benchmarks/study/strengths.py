@@ -191,7 +191,8 @@ def _lowpass(plan: Plan, g: float, rng: np.random.Generator) -> Params:
 
 def _resonance(plan: Plan, g: float, rng: np.random.Generator) -> Params:
     band = plan.sensor.anti_alias.hz if plan.sensor.anti_alias else 0.5 * plan.sensor.sample_rate_hz
-    return {"frequency_hz": max(105.0, 1.1 * band / g**0.7 * _spread(rng)), "damping": rng.uniform(0.02, 0.1)}
+    frequency = float(np.clip(1.1 * band / g**0.7 * _spread(rng), 105.0, 1450.0))
+    return {"frequency_hz": frequency, "damping": rng.uniform(0.02, 0.1)}
 
 
 def _crosstalk(plan: Plan, g: float, rng: np.random.Generator) -> Params:
