@@ -38,11 +38,17 @@ def of(artefact: Artefact, material: str | None = None) -> dict[str, Any]:
             "got a policy whose file does not say which tool it was trained with; expected that, or a "
             "description of the session: give --session session.json (docs/serving.md shows one)"
         )
+    corner_hz = env["force_lowpass_hz"]
     return {
         "name": "recorded",
         "source": f"mjx-cutting serve, policy {artefact.sha256[:16]}",
         "tool": {"kind": "slitting_saw", "teeth": env["teeth"], "diameter_m": env["diameter_m"]},
-        "sensor": {"sample_rate_hz": env["physics_rate_hz"], "zeroed": "session"},
+        "sensor": {
+            "sample_rate_hz": env["physics_rate_hz"],
+            "noise_std_n": list(env["force_noise_n"]),
+            "zeroed": "session",
+            "anti_alias": {"kind": "butterworth", "order": 1, "hz": corner_hz} if corner_hz else None,
+        },
         "trial": {
             "milling": "conventional",
             "material": material,

@@ -27,7 +27,8 @@ from mjx_cutting.trials import read
 STILL = (0.0, 0.0, 0.0)
 ENV = {
     "teeth": 20, "diameter_m": 0.05, "physics_rate_hz": 500.0, "kerf_m": 0.0016,
-    "spindle_speed_rev_s": 19.0, "nominal_feed_m_s": 0.02,
+    "spindle_speed_rev_s": 19.0, "nominal_feed_m_s": 0.02, "force_noise_n": [0.1, 0.1, 0.18],
+    "force_lowpass_hz": 0.0,
 }  # fmt: skip
 
 
@@ -118,7 +119,7 @@ def cut(client: Client, seconds: float, until: Mode | None = None, ask_for: bool
         force = tuple(draw.normal(0, 1, 3).tolist())
         path = 1.0 + client.sequence * 1e-5
         state = State(17, 0, STILL, STILL, (0.5, 0.3, 0.1), force, 0.02, path, path, 0.0, 19.0)
-        client.send_state(state)
+        client.send_state(state, round(begin * 1e9) + cycle * 2_000_000)  # the sensor's clock is even
         command = client.poll()
         if client.follower is not None:
             client.follower.at(time.monotonic_ns())

@@ -324,3 +324,30 @@ def test_the_server_is_light() -> None:
         runs.append(json.loads(done.stdout))
     assert min(seconds for seconds, _ in runs) < 0.5
     assert runs[0][1] < 100.0  # MB
+
+
+def test_no_memory_grows_without_a_garbage_collector(served: Artefact) -> None:
+    """The serving loop runs with it switched off, so nothing there may be kept alive by a cycle."""
+    import gc
+    import tracemalloc
+
+    bench = Bench(served, b"0123456789abcdef")
+    bench.server._record = None
+    bench.run()
+    bench.pass_(50)
+    gc.collect()
+    gc.disable()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        bench.pass_(300)
+        for data in (b"x" * 100, bench.packet(Type.STATE, READY, time_ns=1)):
+            for _ in range(1000):
+                bench.give(data)
+        unreachable = gc.collect()  # and Python's own free lists are emptied
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+        gc.enable()
+    assert bench.server.mode is Mode.RUNNING
+    assert unreachable == 0 and grown < 8192
