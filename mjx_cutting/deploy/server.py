@@ -11,6 +11,7 @@ leaves no trace here, a flood of them fills nothing, and no conversation can be 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import hmac
 import secrets
@@ -245,6 +246,13 @@ class Server:
             Type.COMMAND, body, session=self.peer.session, sequence=self.peer.sent,
             challenge=self.peer.challenge, time_ns=now_ns, key=self.settings.key,
         )  # fmt: skip
+
+    def rehearse(self) -> None:
+        """Runs the policy for nothing, so that a moment later its code and weights are in the cache."""
+        if self.safety.policy_acts and self._state is not None:
+            with contextlib.suppress(ValueError, FloatingPointError):  # `tick` will meet it again, and act
+                observation = self._observer(self._state, self._forces, self._set_point)
+                self.runtime.advance(self._set_point, self.runtime(observation))
 
     def _decide(self, state: State) -> np.ndarray | None:
         try:

@@ -31,6 +31,8 @@ import numpy as np
 
 LINES_KEPT = 1000
 _WATCH_S = 1.0
+_REHEARSAL_NS = 1_000_000
+"""How long before a COMMAND is due the policy is run for nothing: it takes a third off the latency."""
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -118,6 +120,9 @@ class Service:
             late = time.monotonic_ns() - due_ns
             if late > 0:  # skip what was missed, keep the phase
                 due_ns += late // period_ns * period_ns
+            if period_ns > 4 * _REHEARSAL_NS:
+                self._receive(due_ns - _REHEARSAL_NS)
+                self.server.rehearse()
             self._receive(due_ns)
             self._send(due_ns)
             if self._between(until):

@@ -123,6 +123,18 @@ def test_the_policy_acts_on_the_mean_of_the_last_ten_samples(bench: Bench, serve
     assert answer.body.answers == bench.sequence and answer.body.answers_time_ns == bench.now
 
 
+def test_a_rehearsal_changes_nothing(served: Artefact) -> None:
+    one, other = Bench(served), Bench(served)
+    for bench in (one, other):
+        bench.server.rehearse()
+        bench.run()
+        for _ in range(20):
+            if bench is other:
+                bench.server.rehearse()
+            bench.pass_()
+    np.testing.assert_array_equal(one.server.safety.set_point, other.server.safety.set_point)
+
+
 def test_silence_holds_and_then_stops_and_only_arming_leads_back(bench: Bench) -> None:
     bench.run()
     held = bench.pass_(2, send=False)
