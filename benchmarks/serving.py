@@ -7,8 +7,9 @@ with a policy of 3 x 128 units, once at 50 Hz and once at 500 Hz. Its latency is
 due until it was sent. Then three engines alone (ours in NumPy, onnxruntime with one thread and no spinning,
 jitted JAX) wake at the same paces, run the same policy once, and are timed from when they were due; "nothing"
 wakes and does nothing, which is what the machine itself adds. All ask for SCHED_FIFO 50 and stand on one
-core, while another process keeps the other core busy; the run says where FIFO was refused. Last, hostile
-packets are given to the server's packet handling; beside each cut, some go to the process over its socket.
+core, while another process keeps the other core busy; the run says where FIFO was refused, and how long the
+host of a virtual machine kept that core for others (stolen). Last, hostile packets are given to the server's packet
+handling; beside each cut, some go to the process over its socket.
 """
 
 from __future__ import annotations
@@ -84,12 +85,16 @@ def measure(seconds: float, engine_seconds: float, hostile_packets: int) -> dict
         try:
             for rate_hz in (50, 500):
                 policy = artefact(1 / rate_hz).save(Path(folder) / f"{rate_hz}.npz")
+                before = stolen_s(cores[0])
                 served = serve(policy, seconds, cores)
+                served["stolen_s"] = round(stolen_s(cores[0]) - before, 2)
                 print(row(f"server at {rate_hz} Hz", served), flush=True)
                 result[f"server_{rate_hz}_hz"] = served
             for rate_hz, name in itertools.product((50, 500), ENGINES):
                 line = [sys.executable, __file__, "--engine", name, str(policy), str(rate_hz)]
+                before = stolen_s(cores[0])
                 found = json.loads(run([*line, str(engine_seconds)], core=cores[0]).splitlines()[-1])
+                found["stolen_s"] = round(stolen_s(cores[0]) - before, 2)
                 print(row(f"{name} alone at {rate_hz} Hz", found), flush=True)
                 result[f"{name}_{rate_hz}_hz"] = found
         finally:
@@ -313,6 +318,14 @@ def attack(count: int) -> dict[str, Any]:
     }
 
 
+def stolen_s(core: int) -> float:
+    """Time, s, for which the host of a virtual machine has kept this core for others."""
+    for line in Path("/proc/stat").read_text().splitlines():
+        if line.startswith(f"cpu{core} "):
+            return int(line.split()[8]) / os.sysconf("SC_CLK_TCK")
+    return 0.0
+
+
 def resident_mb() -> float:
     """Resident memory of this process."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
@@ -338,7 +351,8 @@ def run(line: list[str], core: int | None = None) -> str:
 def row(name: str, found: dict[str, Any]) -> str:
     """One line of the table."""
     figures = ", ".join(f"{key[:-3]} {found[key]:.0f}" for key in ("p50_us", "p99_us", "p999_us", "max_us"))
-    return f"{name}: {figures} us of {found['count']}; missed {found['missed']}; {found['fifo']}"
+    rest = f"missed {found['missed']}; {found['fifo']}; stolen {found['stolen_s']} s"
+    return f"{name}: {figures} us of {found['count']}; {rest}"
 
 
 if __name__ == "__main__":
