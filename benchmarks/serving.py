@@ -8,8 +8,8 @@ due until it was sent. Then three engines alone (ours in NumPy, onnxruntime with
 jitted JAX) wake at the same paces, run the same policy once, and are timed from when they were due; "nothing"
 wakes and does nothing, which is what the machine itself adds. All ask for SCHED_FIFO 50 and stand on one
 core, while another process keeps the other core busy; the run says where FIFO was refused, and how long the
-host of a virtual machine kept that core for others (stolen). Last, hostile packets are given to the server's packet
-handling; beside each cut, some go to the process over its socket.
+host of a virtual machine kept that core for others (stolen). Last, hostile packets are given to the server's
+packet handling; beside each cut, some go to the process over its socket.
 """
 
 from __future__ import annotations
