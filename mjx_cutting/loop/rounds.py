@@ -34,7 +34,7 @@ from mjx_cutting.sim.config import EnvConfig
 
 STRATEGIES = ("direct", "gp_only", "effect_only", "effect_and_gp")
 CANDIDATES = ("radial_runout", "unequal_pitch", "size_effect")
-BAND_HZ = (0.0, 240.0)
+BAND_HZ = (0.0, 120.0)
 MOST_TRIALS = 20
 SMOKE = EnvConfig(approach_m=0.005, cut_m=0.03, max_episode_s=8.0)
 

@@ -86,7 +86,7 @@ def session(cell: Cell, name: str) -> dict[str, Any]:
             "noise_std_n": list(NOISE_N),
             "zeroed": "trial",
             "units": "SI",
-            "anti_alias": {"kind": "butterworth", "order": 1, "hz": 120.0, "zero_phase": False},
+            "anti_alias": {"kind": "butterworth", "order": 4, "hz": 120.0, "zero_phase": False},
         },
         "trial": {
             "milling": "conventional",

@@ -181,7 +181,7 @@ def gain(sensor: Sensor, hz: float) -> float:
 
 def test_sensor_filters() -> None:
     none = SensorLowpass(), SensorResonance(), Drift()
-    declared = 1.0 / np.sqrt(1.0 + (60.0 / 120.0) ** 2)
+    declared = 1.0 / np.sqrt(1.0 + (60.0 / 120.0) ** 8)
     assert gain(Sensor(8, *none), 60.0) == pytest.approx(declared, rel=0.02)
     low = gain(Sensor(8, SensorLowpass(order=2, hz=30.0), none[1], none[2]), 60.0)
     assert low == pytest.approx(declared / np.sqrt(1.0 + 2.0**4), rel=0.03)
