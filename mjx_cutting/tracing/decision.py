@@ -42,9 +42,13 @@ class Interval:
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether a candidate is accepted; `reasons` says why not, one entry a failed test."""
+    """Whether a candidate is accepted; `reasons` says why not, one entry a failed test.
+
+    `physical` is False where it explains what it does only with a parameter at the edge of its range.
+    """
 
     accepted: bool
+    physical: bool
     p_chance: float
     gain: float
     gain_standard_error: float
@@ -142,6 +146,7 @@ def decide(
             f"{kind.strength} {found.low:.3g} to {found.high:.3g} {found.unit} includes "
             f"{strength.identity:g}, no effect"
         )
+    beyond = []
     for name, each in parameters.items():
         declared = kind.parameters[name]
         if declared.identity is None and declared.typical == 0.0:
@@ -150,11 +155,12 @@ def decide(
         beyond_high = each.value > declared.high - margin
         beyond_low = each.value < declared.low + (margin if declared.identity != declared.low else -margin)
         if beyond_high or beyond_low:
-            reasons.append(
+            beyond.append(
                 f"{name} runs to {each.value:.3g} {each.unit}, the edge of its physical range "
                 f"{declared.low:g} to {declared.high:g}"
             )
-    return Decision(not reasons, p_chance, gain, error, parameters, tuple(reasons))
+    reasons += beyond
+    return Decision(not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons))
 
 
 def _accounted(before: HeldOut, after: HeldOut) -> float:

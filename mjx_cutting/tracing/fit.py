@@ -24,7 +24,7 @@ Effects = tuple[type[AbstractEffect], ...]
 _TOLERANCE = 1e-4
 _STEPS = 40
 _ROWS = 8
-_STIFFNESS = 1e3
+STIFFNESS = 1e3
 _DAMPING_OF_UNKNOWNS = 1e-3
 
 
@@ -53,11 +53,6 @@ def fit(problem: Problem, effects: Effects, starts: np.ndarray[Any, Any]) -> Fit
     tries = _fit_rows(problem, effects, starts, np.ones((len(starts), problem.trials)))
     best = int(np.argmin(np.where(tries.ok, tries.cost, np.inf)))
     return jax.tree.map(lambda leaf: leaf[best], tries)
-
-
-def refit(problem: Problem, effects: Effects, start: Array, use: np.ndarray[Any, Any]) -> Fit:
-    """One fit a row of `use` [F, R] (1: used, 0: held out), all from one start; fields gain an axis F."""
-    return _fit_rows(problem, effects, np.tile(np.asarray(start), (len(use), 1)), use)
 
 
 def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
@@ -110,14 +105,14 @@ def _fit_rows(
     return jax.tree.map(lambda leaf: leaf[: len(starts)], whole)
 
 
-@partial(jax.jit, static_argnums=1)
+@partial(jax.jit, static_argnums=1, compiler_options={"xla_backend_optimization_level": 1})
 def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) -> Fit:
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
 
     def misfit(x: Array, use_row: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         left = residual(problem, x, effects)
         used = left.weighted * use_row[:, None, None]
-        outside = _STIFFNESS * out_of_range(problem, x, effects)
+        outside = STIFFNESS * out_of_range(problem, x, effects)
         unsure = _DAMPING_OF_UNKNOWNS * x[CONSTANTS:]
         squares = jnp.sum(used**2)
         found = squares, 0.5 * (squares + jnp.sum(outside**2)), jnp.sum(left.remaining_n**2, axis=1)

@@ -11,15 +11,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mjx_cutting.tracing.fit import Effects, Fit, refit
+from mjx_cutting.tracing.descent import Descent
+from mjx_cutting.tracing.fit import Effects, Fit
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.trials.dataset import Dataset
 
 FOLDS = 10
 ONE_BY_ONE = 12
+_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,11 @@ def folds(dataset: Dataset, seed: int) -> NDArray[np.int64]:
 
 
 def held_out(
-    problem: Problem, lines: Lines, effects: Effects, found: Fit, fold: NDArray[np.int64]
+    problem: Problem, lines: Lines, effects: Effects, x: ArrayLike, fold: NDArray[np.int64]
 ) -> HeldOut:
-    """Refit without each fold, from a fit to all trials, and score the trials left out."""
+    """Fit again without each fold, from the unknowns `x` [U] of a fit to all trials; score those left out."""
     use = (fold[None, :] != np.arange(fold.max() + 1)[:, None]).astype(float)
-    fits = refit(problem, effects, found.x, use)
+    descent, start = Descent(problem, effects), np.asarray(x)
+    fits = descent.fits(np.stack([descent.descend(start, _STEPS, row)[0] for row in use]), use)
     error = np.asarray(fits.error_n2)[fold, np.arange(problem.trials)]
     return HeldOut(error + lines.rest_n2, lines.energy_n2, fits, fold)

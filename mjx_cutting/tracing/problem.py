@@ -122,9 +122,12 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         shared_bias=shared,
         orders=lines.orders,
         angles=angles,
-        arc_rad=_ARC_STEP
-        * float(np.ceil(max(float(cut.exit_rad - cut.entry_rad) for cut in cuts) / _ARC_STEP)),
+        arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
     )
+
+
+def _arc(cut: Cut) -> float:
+    return float(np.asarray(cut.exit_rad) - np.asarray(cut.entry_rad))
 
 
 def model_at(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> ForceModel:
@@ -187,15 +190,24 @@ class Residual(eqx.Module):
 
 def residual(problem: Problem, x: Array, effects: tuple[type[AbstractEffect], ...]) -> Residual:
     """Residual of every trial at the global unknowns `x`."""
-    shared = x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else jnp.zeros(3)
-    return residual_of(problem, model_at(problem, x, effects), shared)
+    return residual_of(problem, model_at(problem, x, effects), shared_bias(problem, x))
+
+
+def shared_bias(problem: Problem, x: Array) -> Array:
+    """[3] bias of the session, N, in the global unknowns; zero where each trial has its own."""
+    return x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else jnp.zeros(3)
 
 
 def residual_of(problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0) -> Residual:
     """Residual of every trial under a given model; `shared_bias_n` [3] is the session's bias, N."""
+    return residual_of_lines(problem, model_lines(problem, model), shared_bias_n)
+
+
+def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike = 0.0) -> Residual:
+    """Residual of every trial against given lines [R, orders + 1, 3], N."""
     shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
     solve = partial(_solve_trial, problem, shared)
-    return jax.vmap(solve)(model_lines(problem, model), problem.whitened, problem.factor, problem.present)
+    return jax.vmap(solve)(lines, problem.whitened, problem.factor, problem.present)
 
 
 def model_lines(problem: Problem, model: ForceModel) -> Array:
@@ -210,10 +222,9 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     return lines * problem.gain[..., None]
 
 
-def marks(problem: Problem, model: ForceModel, phase_rad: Array) -> Array:
-    """[R, P, 3] a model's lines at given phases [R], whitened and weighted as the residual is."""
-    turned = jax.vmap(_turned)(model_lines(problem, model), phase_rad)
-    real = jax.vmap(_real)(turned, problem.present)
+def marks(problem: Problem, lines: Array, phase_rad: Array) -> Array:
+    """[R, P, 3] lines [R, orders + 1, 3] at given phases [R], whitened and weighted as the residual is."""
+    real = jax.vmap(_real)(jax.vmap(_turned)(lines, phase_rad), problem.present)
     return jnp.einsum("rqp,rqa->rpa", problem.factor, real) * problem.weight
 
 

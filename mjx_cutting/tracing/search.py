@@ -1,8 +1,8 @@
 """Forward search: which registered effects, added one after another, lower the error on trials not seen.
 
-Each round fits every candidate beside what is accepted already, scores it on held-out trials, tests it
-(`decision`), accepts the best that passes, and looks again at what remains. The best of the others is the
-runner-up.
+Each round looks at every candidate beside what is accepted already (`screening`), fits the most telling ones
+fully, scores them on held-out trials, tests them (`decision`), accepts the best that passes, and looks again
+at what remains. The best of the others is the runner-up.
 """
 
 from __future__ import annotations
@@ -10,16 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import (
     Effects,
     Fit,
     base_starts,
-    effect_starts,
     fit,
     freedom,
     reweighted,
@@ -28,8 +29,12 @@ from mjx_cutting.tracing.fit import (
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.screening import Screened, screen
 
 MOST_EFFECTS = 4
+SHORTLIST = 4
+_WORTH_A_FIT = 0.01
+_STEPS = 20
 Progress = Callable[[str], None]
 
 
@@ -45,16 +50,25 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One round of the search: the candidates in order of held-out error, and the one accepted, if any."""
+    """One round of the search.
+
+    Fields:
+        before: held-out error of the model so far.
+        screened: every candidate after its short fit, the most telling first.
+        candidates: those fitted fully, in order of held-out error.
+        accepted: the one accepted, if any.
+    """
 
     before: HeldOut
+    screened: tuple[Screened, ...]
     candidates: tuple[Candidate, ...]
     accepted: Candidate | None
 
     @property
     def runner_up(self) -> Candidate | None:
-        """The best candidate that was not accepted."""
-        return next((each for each in self.candidates if each is not self.accepted), None)
+        """The best candidate that was not accepted; one that needs an unphysical value only if all do."""
+        others = [each for each in self.candidates if each is not self.accepted]
+        return next((each for each in others if each.decision.physical), others[0] if others else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,32 +103,39 @@ def search(
     base = fit(problem, (), base_starts(problem))
     problem = reweighted(problem, base)
     base = fit(problem, (), base_starts(problem))
-    base_heldout = held_out(problem, lines, (), base, fold)
+    base_heldout = held_out(problem, lines, (), base.x, fold)
     effects: Effects = ()
     current, heldout = base, base_heldout
     rounds: list[Round] = []
     while len(effects) < MOST_EFFECTS:
         open_ = [kind for kind in candidates if kind not in effects and kind.size(problem.tool) > 0]
+        screened = screen(problem, effects, current.x, open_, progress)
         tried = []
-        for kind in open_:
-            progress(" + ".join([*(each.name for each in effects), kind.name]))
-            tried.append(_try(problem, lines, (*effects, kind), current, heldout, fold, open_))
+        for each in shortlist(screened):
+            progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
+            tried.append(_try(problem, lines, (*effects, each.kind), each.x, current, heldout, fold, open_))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
-        rounds.append(Round(heldout, tuple(tried), accepted))
+        rounds.append(Round(heldout, screened, tuple(tried), accepted))
         if accepted is None:
             break
         effects = (*effects, accepted.kind)
         problem = reweighted(problem, accepted.fit)
         current = fit(problem, effects, np.asarray(accepted.fit.x)[None])
-        heldout = held_out(problem, lines, effects, current, fold)
+        heldout = held_out(problem, lines, effects, current.x, fold)
     return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds))
+
+
+def shortlist(screened: Sequence[Screened]) -> list[Screened]:
+    """Those worth a full fit: the most telling few, and beyond the first two only what explains something."""
+    return [each for rank, each in enumerate(screened[:SHORTLIST]) if rank < 2 or each.share > _WORTH_A_FIT]
 
 
 def _try(
     problem: Problem,
     lines: Lines,
     effects: Effects,
+    start: NDArray[np.floating],
     before: Fit,
     before_heldout: HeldOut,
     fold: NDArray[np.int64],
@@ -122,8 +143,10 @@ def _try(
 ) -> Candidate:
     """Fit and judge the last of `effects` beside the others."""
     kind = effects[-1]
-    found = fit(problem, effects, effect_starts(problem, kind, before.x))
-    after = held_out(problem, lines, effects, found, fold)
+    descent = Descent(problem, effects)
+    x, _ = descent.descend(start, _STEPS)
+    found = jax.tree.map(lambda leaf: leaf[0], descent.fits(x[None], np.ones((1, problem.trials))))
+    after = held_out(problem, lines, effects, x, fold)
     p = chance(
         drop=float(before.squares - found.squares),
         added=len(found.x) - len(before.x),

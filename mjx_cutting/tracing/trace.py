@@ -19,7 +19,7 @@ from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.heldout import folds
 from mjx_cutting.tracing.lines import Lines, compress, trusted_band
 from mjx_cutting.tracing.prediction import Prediction, predictions
-from mjx_cutting.tracing.problem import CONSTANTS, Problem, pose
+from mjx_cutting.tracing.problem import pose, shared_bias
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.verdict import testable, verdict
 from mjx_cutting.trials.dataset import Dataset
@@ -81,8 +81,8 @@ def trace(
         base_model = _named(dataset, found.base_fit.model)
         model = _named(dataset, found.final_fit.model)
         progress("testing what remains")
-        before = predictions(dataset, lines, problem, base_model, _shared_bias(problem, found.base_fit.x))
-        after = predictions(dataset, lines, problem, model, _shared_bias(problem, found.final_fit.x))
+        before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
+        after = predictions(dataset, lines, problem, model, shared_bias(problem, found.final_fit.x))
         teeth = dataset.tool.teeth
         depends_before = dependences(dataset, before, teeth, lines.orders)
         depends_after = dependences(dataset, after, teeth, lines.orders)
@@ -112,10 +112,6 @@ def _check(dataset: Dataset) -> None:
     cuts = sum(trial.kind == "cut" for trial in dataset.trials)
     if cuts < 2:
         raise ValueError(f"{cuts} cut trial; tracing holds out by trial and needs at least two")
-
-
-def _shared_bias(problem: Problem, x: jax.Array) -> jax.Array | float:
-    return x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else 0.0
 
 
 def _named(dataset: Dataset, model: ForceModel) -> ForceModel:

@@ -72,10 +72,6 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
     return float(noise / max(force, 1e-12))
 
 
-# Each candidate costs a compilation and a fit; the rest of the library is tried when named (--effects).
-TRIED = ("radial_runout", "sensor_resonance", "size_effect", "unequal_pitch")
-
-
 def not_testable(dataset: Dataset) -> list[dict[str, str]]:
     """Registered effects whose telling covariate these trials do not have."""
     missing = []
@@ -87,16 +83,13 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
 
 
 def testable(dataset: Dataset) -> list[type[AbstractEffect]]:
-    """Effects tried without being asked for: those of `TRIED` that these trials can test, and a user's own.
+    """Effects tried without being asked for: all registered ones that these trials can test.
 
     The search fits lines of a steady revolution, so effects that are not `steady` are left out.
     """
     absent = {entry["name"] for entry in not_testable(dataset)}
     kinds = [effect_class(name) for name in effect_names() if name not in absent]
-    ours = AbstractEffect.__module__.rpartition(".")[0]
-    return [
-        kind for kind in kinds if kind.steady and (kind.name in TRIED or not kind.__module__.startswith(ours))
-    ]
+    return [kind for kind in kinds if kind.steady]
 
 
 def has(dataset: Dataset, need: str) -> bool:

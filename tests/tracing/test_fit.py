@@ -35,7 +35,7 @@ def test_what_is_left_is_the_noise(clean):
     dataset, lines, problem, found = clean
     assert spread(problem, found) == pytest.approx(1.0, abs=0.05)
     assert freedom(problem, found) > 100
-    error = held_out(problem, lines, (), found, folds(dataset, 0))
+    error = held_out(problem, lines, (), found.x, folds(dataset, 0))
     noise = np.sqrt(lines.rest_n2.sum() / lines.energy_n2.sum())
     assert error.nrmse == pytest.approx(noise, rel=0.25)
 

@@ -38,7 +38,7 @@ class BrokenTooth(AbstractEffect):
     stage = "chip"
     strength = "share"
     parameters = {
-        "share": Parameter("1", 0.0, 1.05, 0.0, 1.0, source="0 whole, 1 gone"),
+        "share": Parameter("1", 0.5, 1.05, 0.0, 1.0, source="1 gone; less than half is a short tooth"),
         "tooth": Parameter("1", 0.0, 200.0, None, 0.0, source="index"),
     }
     signature = "comb at the spindle frequency that rises with feed from an intercept, of sudden onset"

@@ -38,7 +38,7 @@ class UnequalPitch(AbstractEffect):
     strength = "pitch_error_rad"
     parameters = {
         "pitch_error_rad": Parameter(
-            "rad", -0.0873, 0.0873, 0.0, TYPICAL_RAD, per_tooth=True, source="0.1-5 deg, working knowledge"
+            "rad", -0.35, 0.35, 0.0, TYPICAL_RAD, per_tooth=True, source="0.1-5 deg, 20 by design"
         )
     }
     signature = "once-per-revolution line that rises with feed from an edge-force intercept"

@@ -145,8 +145,8 @@ def _search(energy: np.ndarray, teeth: int, named: bool) -> Search:
         "offset_m": Interval(1.2e-5, 1.1e-5, 1.3e-5, "m"),
         "angle_rad": Interval(0.0, 0.0, 0.0, "rad"),
     }
-    good = Decision(True, 1e-20, 0.2, float("nan"), strength, ())
-    bad = Decision(False, 0.4, -0.01, 0.02, {}, ("error does not fall", "runs to <its> edge"))
+    good = Decision(True, True, 1e-20, 0.2, float("nan"), strength, ())
+    bad = Decision(False, False, 0.4, -0.01, 0.02, {}, ("error does not fall", "runs to <its> edge"))
     runout = Candidate(effect_class("radial_runout"), fit(True), held(0.1, True), good)
     if not named:
         runout = replace(runout, heldout=held(0.3, True), decision=bad)

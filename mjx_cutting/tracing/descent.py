@@ -1,0 +1,145 @@
+"""Short fits without automatic differentiation: many models, few compilations.
+
+What costs time in trying thirty effects is not arithmetic but compiling each one's derivatives. Here only the
+lines of a model are compiled for each set of effects, with little optimisation; comparing lines with
+measurements is compiled once for a data set. Jacobians are forward differences, evaluated in one batch, and
+Gauss-Newton steps follow, each at the best of several dampings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import ForceModel
+from mjx_cutting.tracing.fit import STIFFNESS, Effects, Fit
+from mjx_cutting.tracing.problem import (
+    Problem,
+    marks,
+    model_at,
+    model_lines,
+    out_of_range,
+    residual_of_lines,
+    shared_bias,
+)
+
+_COMPILER = {"xla_backend_optimization_level": 0}
+_ROWS = 24
+_STEP = 1e-4
+_DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
+_SETTLED = 3e-4
+Matrix = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What a model leaves, at many unknowns at once.
+
+    Fields: `left` [n, M + B] weighted residual, then the penalties outside the ranges; `mark` [n, M] the
+    lines as they enter it; `error_n2` [n, R, 3] squared error of each trial and axis, N^2.
+    """
+
+    left: Matrix
+    mark: Matrix
+    error_n2: Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """A model with `effects` on `problem`; marks are given at the phases `phase_rad` [R]."""
+
+    problem: Problem
+    effects: Effects
+    phase_rad: Matrix = field(default_factory=lambda: np.zeros(()))
+
+    @property
+    def measured(self) -> int:
+        """Rows of a residual that are measurements; penalties follow them."""
+        return int(np.prod(self.problem.whitened.shape))
+
+    def rows(self, x: Matrix, use: Matrix | None = None) -> Rows:
+        """Residuals at `x` [n, U]; trials with `use` [R] zero do not count in `left`."""
+        phase = jnp.broadcast_to(jnp.asarray(self.phase_rad), (self.problem.trials,))
+        parts = []
+        for first in range(0, len(x), _ROWS):
+            chosen = x[np.minimum(np.arange(first, first + _ROWS), len(x) - 1)]
+            lines, bias, outside = _lines(self.problem, jnp.asarray(chosen), self.effects)
+            parts.append([*map(np.asarray, _compare(self.problem, lines, bias, phase)), np.asarray(outside)])
+        weighted, mark, error, outside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        if use is not None:
+            weighted = weighted * use[:, None, None]
+        left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
+        left = np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9)
+        return Rows(left, mark.reshape(len(x), -1), error)
+
+    def slope(self, x: Matrix, use: Matrix | None = None) -> Matrix:
+        """[M + B, U] Jacobian at `x` [U] by forward differences."""
+        left = self.rows(np.concatenate([x[None], x + _STEP * np.eye(len(x))]), use).left
+        return np.transpose(left[1:] - left[0]) / _STEP
+
+    def descend(self, x: Matrix, steps: int, use: Matrix | None = None) -> tuple[Matrix, float]:
+        """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""
+        left = self.rows(x[None], use).left[0]
+        squares = float(left @ left)
+        for _ in range(steps):
+            bold, after = self._step(x, left, use)
+            if not after[2] < (1.0 - _SETTLED) * squares:
+                # the boldest step may have crossed a bound that its linear model did not see: come back
+                beyond = self._step(bold, self.rows(bold[None], use).left[0], use)[1]
+                after = min(after, beyond, key=lambda each: each[2])
+            if not after[2] < squares:
+                break
+            gained = squares - after[2]
+            x, left, squares = after
+            if gained < _SETTLED * squares:
+                break
+        return x, squares
+
+    def _step(
+        self, x: Matrix, left: Matrix, use: Matrix | None
+    ) -> tuple[Matrix, tuple[Matrix, Matrix, float]]:
+        """The boldest damped step from `x`; where the best one leads, its residual, its sum of squares."""
+        slope = self.slope(x, use)
+        normal, gradient = slope.T @ slope, slope.T @ left
+        scale = np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(x) + 1e-12)
+        tries = np.stack([x - np.linalg.solve(normal + damping * scale, gradient) for damping in _DAMPING])
+        reached = self.rows(tries, use).left
+        each = np.sum(reached**2, axis=1)
+        best = int(np.argmin(each))
+        return tries[0], (tries[best], reached[best], float(each[best]))
+
+    def fits(self, x: Matrix, use: Matrix) -> Fit:
+        """The fits at unknowns `x` [F, U], each judged over the trials of its row of `use` [F, R]."""
+        rows = self.rows(x)
+        left = rows.left[:, : self.measured].reshape(len(x), self.problem.trials, -1)
+        squares = np.sum(np.sum(left**2, axis=2) * use, axis=1)
+        cost = 0.5 * (squares + np.sum(rows.left[:, self.measured :] ** 2, axis=1))
+        model: ForceModel = jax.vmap(lambda each: model_at(self.problem, each, self.effects))(jnp.asarray(x))
+        whole: Any = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(x), *np.shape(leaf)[1:])), model)
+        return Fit(x, cost, squares, rows.error_n2, whole, np.isfinite(cost))  # type: ignore[arg-type]
+
+
+@partial(jax.jit, static_argnums=2, compiler_options=_COMPILER)
+def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array]:
+    def one(x: Array) -> tuple[Array, Array, Array]:
+        lines = model_lines(problem, model_at(problem, x, effects))
+        return lines, shared_bias(problem, x), out_of_range(problem, x, effects)
+
+    return jax.vmap(one)(x)
+
+
+@jax.jit
+def _compare(problem: Problem, lines: Array, bias_n: Array, phase_rad: Array) -> tuple[Array, Array, Array]:
+    def one(lines: Array, bias_n: Array) -> tuple[Array, Array, Array]:
+        found = residual_of_lines(problem, lines, bias_n)
+        error = jnp.sum(found.remaining_n**2, axis=1)
+        return found.weighted, marks(problem, lines, phase_rad), error
+
+    return jax.vmap(one)(lines, bias_n)
