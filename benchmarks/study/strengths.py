@@ -62,7 +62,7 @@ def _pitch(plan: Plan, g: float, rng: np.random.Generator) -> Params:
 
 
 def _broken(plan: Plan, g: float, rng: np.random.Generator) -> Params:
-    return {"share": min(1.0, 0.5 * g * _spread(rng)), "tooth": 0.0}
+    return {"share": float(np.clip(0.75 * g**0.35, 0.55, 1.0)), "tooth": 0.0}
 
 
 def _size(plan: Plan, g: float, rng: np.random.Generator) -> Params:
