@@ -325,7 +325,7 @@ def main() -> None:
 
     if arguments.parts:
         with open(arguments.json) as file:
-            found = json.load(file) | found
+            found = json.load(file) | {"again": {key: found[key] for key in ("command", "machine")}}
 
     def part(name: str, call: Callable[[], Any]) -> None:
         if arguments.parts and name not in arguments.parts:
