@@ -97,7 +97,6 @@ def run(config: RoundsConfig) -> Path:
     for index in range(1, config.rounds + 1):
         told.append(work.round(index))
         write_atomic(folder / "rounds.json", json.dumps(runs.plain({"rounds": told}), indent=2) + "\n")
-        console.print(table(told))
     return folder
 
 
@@ -213,7 +212,9 @@ class _Work:
 
         named = bool(tracing.verdict["effects"])
         model = place / "trace" / "model.json"
-        env = dataclasses.replace(self.env, materials=(self.config.material,))
+        # as many entries as in the expert's training: the value network has an input for each
+        sheets = (self.config.material,) * len(self.env.materials)
+        env = dataclasses.replace(self.env, materials=sheets)
         shared: dict[str, Any] = {
             "env": env,
             "seed": self.config.seed,
