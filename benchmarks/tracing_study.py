@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.study import DESIGNS, make
 from benchmarks.study.cases import Question, questions
+from benchmarks.study.isolability import isolability
 from benchmarks.study.scoring import marked, seen_over_noise
 from benchmarks.study.tables import draw, gathered, printed
 
@@ -50,10 +51,11 @@ def answer(question: Question, peers: bool = False) -> dict[str, Any]:
     row = marked(question, case.truth, found.verdict)
     row["seconds"] = time.perf_counter() - began
     row["seen_over_noise"] = seen_over_noise(question)
-    for word in ("isolability", "advice"):
-        if word in found.verdict:
-            row[word] = found.verdict[word]
-    if peers:
+    if question.kind == "single":
+        row["isolability"] = isolability(question.design, question.seed, question.strength)[
+            question.effects[0]
+        ]
+    if peers and question.design in ("mill", "saw"):
         try:
             row["peers"] = beside(question, effects, found)
         except Exception as error:
@@ -66,12 +68,13 @@ def beside(question: Question, effects: dict[str, Any], found: Any) -> dict[str,
     from benchmarks.study import peers
     from mjx_cutting.tracing.prediction import predict_trials
 
-    new = make(question.design, effects, question.seed, new=True).dataset
-    known = predict_trials(found.dataset, found.base_model)
+    new = peers.unbiased(make(question.design, effects, question.seed, new=True))
+    train = peers.unbiased(make(question.design, effects, question.seed))
+    known = predict_trials(train, found.base_model)
     asked = predict_trials(new, found.base_model)
     scores = {"base": peers.nrmse(asked), "traced": peers.nrmse(predict_trials(new, found.model))}
     for name, peer in peers.PEERS.items():
-        scores[name] = peers.nrmse(asked, peer(found.dataset, known, new, asked))
+        scores[name] = peers.nrmse(asked, peer(train, known, new, asked))
     noise = [p.measured_n for p in asked]
     sensor = new.sensor
     if sensor.noise_std_n is not None and sensor.anti_alias is not None:

@@ -67,23 +67,16 @@ def make(
     drawn = {name: draw(name, session, size, stream(seed, design, name)) for name, size in asked.items()}
     if new:
         session = plan(design, seed, tuple(asked), new=True)
-    deviation_n = _noise(session, noise)
-    if session.sensor.noise_std_n is not None:
-        session = replace(session, sensor=replace(session.sensor, noise_std_n=tuple(map(float, deviation_n))))
-    shaken = _shaken(session, drawn) if "regenerative_chatter" in drawn else {}
-    trials, told = [], {}
-    for index, cut in enumerate(session.cuts):
-        own = stream(seed, design, "trial", index, new)
-        white = own.normal(size=(round(cut.duration_s * session.sensor.sample_rate_hz), 3)) * deviation_n
-        trial = _trial(session, cut, drawn, index, own, white, shaken.get(index))
-        trials.append(trial)
-        told[trial.file] = {
-            "speed_rev_s": cut.speed_rev_s, "phase_rad": cut.phase_rad,
-            "bias_n": session.bias_n[index].tolist(),
-        }  # fmt: skip
+    session, trials = recorded(session, drawn, seed, noise=noise, new=new)
+    told = {
+        trial.file: {
+            "speed_rev_s": cut.speed_rev_s, "phase_rad": cut.phase_rad, "bias_n": bias.tolist(),
+        }
+        for trial, cut, bias in zip(trials, session.cuts, session.bias_n, strict=True)
+    }  # fmt: skip
     dataset = Dataset(
         name=f"{design}-{seed}", source="benchmarks/study", licence="Apache-2.0", tool=session.tool,
-        sensor=session.sensor, trials=tuple(trials),
+        sensor=session.sensor, trials=trials,
     )  # fmt: skip
     truth = {
         "design": design, "seed": seed, "strength": dict(asked),
@@ -93,6 +86,22 @@ def make(
         "trials": told,
     }  # fmt: skip
     return Case(dataset, truth)
+
+
+def recorded(
+    session: Plan, drawn: dict[str, Params], seed: int, *, noise: float = 1.0, new: bool = False
+) -> tuple[Plan, tuple[Trial, ...]]:
+    """The trials of a session with effects of given parameters; the session with its noise stated."""
+    deviation_n = _noise(session, noise)
+    if session.sensor.noise_std_n is not None:
+        session = replace(session, sensor=replace(session.sensor, noise_std_n=tuple(map(float, deviation_n))))
+    shaken = _shaken(session, drawn) if "regenerative_chatter" in drawn else {}
+    trials = []
+    for index, cut in enumerate(session.cuts):
+        own = stream(seed, session.design, "trial", index, new)
+        white = own.normal(size=(round(cut.duration_s * session.sensor.sample_rate_hz), 3)) * deviation_n
+        trials.append(_trial(session, cut, drawn, index, own, white, shaken.get(index)))
+    return session, tuple(trials)
 
 
 def _material(session: Plan) -> dict[str, float]:

@@ -9,6 +9,7 @@ thresholding (STLSQ, as PySINDy does). `neural`: a small network on the same inp
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 
 from mjx_cutting.tracing.prediction import Prediction
 from mjx_cutting.trials.dataset import Dataset, Trial
+
+from .generator import Case
 
 Array = NDArray[np.float64]
 SAMPLES = 20_000
@@ -37,6 +40,13 @@ class Conditions:
     def of(self, trial: Trial) -> Array:
         """Scaled conditions of a trial."""
         return (self._raw(trial) - self.middle) / self.spread
+
+
+def unbiased(case: Case) -> Dataset:
+    """The session less its true biases: every peer and the traced model are spared them alike."""
+    biases = {file: np.asarray(told["bias_n"]) for file, told in case.truth["trials"].items()}
+    trials = [replace(trial, force_n=trial.force_n - biases[trial.file]) for trial in case.dataset.trials]
+    return replace(case.dataset, trials=tuple(trials))
 
 
 def cuts(dataset: Dataset) -> list[Trial]:
@@ -150,7 +160,7 @@ def neural(
         seen.append(p.residual_n[pick])
     target = np.concatenate(seen)
     spread = target.std(0) + 1e-12
-    network = MLPRegressor((32, 32), early_stopping=True, max_iter=80, random_state=0)
+    network = MLPRegressor(hidden_layer_sizes=(32, 32), early_stopping=True, max_iter=80, random_state=0)
     network.fit(np.concatenate(rows), target / spread)
     made = []
     for trial, p in zip(cuts(new), asked, strict=True):

@@ -28,11 +28,20 @@ def gathered(rows: Sequence[Row]) -> dict[str, Any]:
             {"kind": kind, "design": design, "effect": name, "strength": strength, **_rates(members)}
             for (kind, design, name, strength), members in sorted(groups.items())
         ],
+        "clear": _rates([row for row in good if _clear(row)]),
         "overall": {
             kind: _rates([r for r in good if r["kind"] == kind]) for kind in sorted({r["kind"] for r in good})
         },
         "peers": _peers(good),
     }
+
+
+def _clear(row: Row) -> bool:
+    """Whether the trials can show the effect and tell it from the others: the cases that must be right."""
+    said = row.get("isolability")
+    return (
+        bool(said) and said["survival"] >= 0.3 and said["cosine"] <= 0.6 and said["standard_errors"] >= 10.0
+    )
 
 
 def _rates(rows: Sequence[Row]) -> dict[str, Any]:
@@ -100,7 +109,9 @@ def printed(found: dict[str, Any]) -> str:
         cells += [_number(each[word], 8, digits) for word, digits in numbers.items()]
         head = f"{each['design']:8s} {each['effect']:34s} {each['strength']:8s} {each['sessions']:3d} "
         lines.append(head + " ".join(cells) + "  " + named)
-    for kind, rates in found["overall"].items():
+    for kind, rates in {"single, isolable": found["clear"], **found["overall"]}.items():
+        if not rates["sessions"]:
+            continue
         shares = " ".join(f"{word} {_share(rates[word])}" for word in _SHARES)
         lines.append(f"all {kind}: {rates['sessions']} sessions, {shares}")
     if found["peers"]:

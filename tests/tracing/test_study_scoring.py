@@ -120,3 +120,12 @@ def test_sparse_regression_keeps_the_true_terms_only(load):
     weights = load("study.peers").stlsq(library, target + 0.05 * rng.normal(size=target.shape))
     assert set(np.flatnonzero(weights[:, 0])) == {3, 7} and set(np.flatnonzero(weights[:, 1])) == {1}
     np.testing.assert_allclose(weights[[3, 7], 0], [2.0, -1.0], atol=0.01)
+
+
+def test_isolability_tells_what_a_saw_can_show(load):
+    """The order of effects.md section 2: crosstalk drowns in the constants, periodicity does not."""
+    names = ("crosstalk", "size_effect", "ploughing", "material_periodicity")
+    found = load("study.isolability").isolability("saw", 0, "medium", names)
+    assert found["crosstalk"]["survival"] < 0.05 and found["material_periodicity"]["survival"] > 0.9
+    assert found["size_effect"]["nearest"] == "ploughing" and found["size_effect"]["cosine"] > 0.8
+    assert found["material_periodicity"]["cosine"] < 0.1
