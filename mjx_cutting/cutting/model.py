@@ -71,31 +71,50 @@ class ForceModel(eqx.Module):
         """Chip thickness and contact under each edge element, [..., S, N]."""
         return self._affected(engaged_chip(self.cutter(), cut, self.tool), cut)
 
-    def elements_in_arc(self, cut: Cut, own_rad: Array) -> tuple[Array, Array]:
-        """Process force of every edge element at its own angles, and how far each is behind tooth 0.
-
-        For mills and saws, where no effect changes angle or depth during a turn (`turns_evenly`).
+    def elements_in_arc(
+        self, cut: Cut, share: Array
+    ) -> tuple[Array, Array, Array, tuple[Array, Array] | None]:
+        """Process force of every edge element where it is in the arc, for mills and saws that `turn_evenly`.
 
         Arguments:
             cut: scalar conditions.
-            own_rad: [K] angles inside the engagement arc.
+            share: [K] places in the engagement arc, 0 at entry, 1 at exit.
 
         Returns:
-            [K, S, N, 3] force of each element, N; [S, N] lag, rad: the tool stands at own angle plus lag.
+            [K, S, N, 3] force of each element, N; [K] its own angle there, rad; [S, N] its lag: the tool
+            stands at own angle plus lag; None where the tool turns evenly, else [K, S, N] the angle it would
+            have had by then, rad, and the rate of that angle against its own.
         """
+        cut = self._engaged(cut)
+        entry = jnp.asarray(cut.entry_rad)
+        own = entry + (jnp.asarray(cut.exit_rad) - entry) * share
         cutter = self.cutter()
-        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own_rad), cut)
+        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own), cut)
         local = self.edge_force(chip, cut)
         lag = edge_lags(cutter, cut, self.tool)[0]
-        return elements_to_process(local.chip + local.edge, chip, self.tool), lag
+        force = elements_to_process(local.chip + local.edge, chip, self.tool)
+        return force, own, lag, self._even_turn(own[:, None, None] + lag)
+
+    def _even_turn(self, angle: Array) -> tuple[Array, Array] | None:
+        if all(type(effect).ahead is AbstractEffect.ahead for effect in self.effects):
+            return None
+
+        def ahead(angle: Array) -> Array:
+            gains = [effect.ahead(angle) for effect in self.effects]
+            return sum((gain for gain in gains if gain is not None), jnp.zeros_like(angle))
+
+        even = angle - ahead(angle - ahead(angle))
+        rate = jax.jvp(ahead, (even,), (jnp.ones_like(even),))[1]
+        return even, 1.0 / (1.0 + rate)
 
     @property
     def turns_evenly(self) -> bool:
-        """Whether every tooth of a mill or saw sweeps the same arc of `Cut` at an even speed."""
+        """Whether every tooth of a mill or saw sweeps one arc, at a speed even but for `ahead`."""
         hooks = ("spindle", "engage")
         return self.tool.kind in ("end_mill", "slitting_saw") and not any(
             getattr(type(effect), hook) is not getattr(AbstractEffect, hook)
             for effect in self.effects
+            if not effect.per_turn
             for hook in hooks
         )
 

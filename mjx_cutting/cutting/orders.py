@@ -57,18 +57,19 @@ def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: 
 
 
 def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
-    """[orders + 1, 3] lines of the edges' force, from `nodes` angles of the arc."""
+    """[orders + 1, 3] lines of the edges' force over time, from `nodes` angles of the arc."""
     node, weight = np.polynomial.legendre.leggauss(nodes)
-    entry, exit_ = jnp.asarray(cut.entry_rad), jnp.asarray(cut.exit_rad)
-    half = 0.5 * (exit_ - entry)
-    own = entry + half * (1.0 + node)
-    force, lag = model.elements_in_arc(cut, own)
+    force, own, lag, even = model.elements_in_arc(cut, jnp.asarray(0.5 + 0.5 * node))
     order = np.arange(orders + 1)
+    share = weight * (own[-1] - own[0]) / (node[-1] - node[0]) / (2.0 * np.pi)
+    if even is not None:
+        turns = jnp.exp(-1j * order[:, None, None, None] * (even[0] - cut.angle_rad))
+        return jnp.einsum("nksj,ksja->na", turns, force * (share[:, None, None] * even[1])[..., None])
     place = jnp.exp(-1j * order[:, None, None] * (lag - cut.angle_rad))
     if _alike(model):
         force, place = force[:, :, :1], jnp.sum(place, axis=2, keepdims=True)
     turn = order[:, None] * own
-    over_arc = jnp.concatenate([jnp.cos(turn), -jnp.sin(turn)]) * (weight * half / (2.0 * np.pi))
+    over_arc = jnp.concatenate([jnp.cos(turn), -jnp.sin(turn)]) * share
     parts = jnp.matmul(over_arc, force.reshape(nodes, -1), precision="highest")
     parts = parts.reshape(2, orders + 1, *force.shape[1:])
     return jnp.einsum("nsj,nsja->na", place, jax.lax.complex(parts[0], parts[1]))

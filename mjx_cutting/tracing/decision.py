@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.tracing.heldout import HeldOut
 
 CHANCE = 0.01
@@ -151,16 +152,23 @@ def decide(
         declared = kind.parameters[name]
         if declared.identity is None and declared.typical == 0.0:
             continue
-        margin = _EDGE * (declared.high - declared.low)
-        beyond_high = each.value > declared.high - margin
-        beyond_low = each.value < declared.low + (margin if declared.identity != declared.low else -margin)
-        if beyond_high or beyond_low:
+        if _at_edge(each.value, declared):
             beyond.append(
                 f"{name} runs to {each.value:.3g} {each.unit}, the edge of its physical range "
                 f"{declared.low:g} to {declared.high:g}"
             )
     reasons += beyond
     return Decision(not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons))
+
+
+def _at_edge(value: float, declared: Parameter) -> bool:
+    """Whether a value lies at an end of its range, or beyond; the end where the effect vanishes is no edge."""
+    low, high = declared.low, declared.high
+    if declared.log and low > 0.0:
+        low, high, value = np.log(low), np.log(high), np.log(max(value, 1e-300))
+    margin = _EDGE * (high - low)
+    vanishes = declared.identity is not None and declared.identity == declared.low
+    return bool(value > high - margin or value < low + (-margin if vanishes else margin))
 
 
 def _accounted(before: HeldOut, after: HeldOut) -> float:

@@ -31,13 +31,13 @@ class HeldOut:
     Fields:
         error_n2: [R, 3] sum over samples of the squared error of each trial and axis, N^2.
         energy_n2: [R, 3] the same of the measured force.
-        fits: the fit of each fold, fields [F, ...].
+        fits: the fit of each fold, fields [F, ...]; None where only something was added to them.
         fold: [R] fold in which each trial was held out.
     """
 
     error_n2: NDArray[np.floating]
     energy_n2: NDArray[np.floating]
-    fits: Fit
+    fits: Fit | None
     fold: NDArray[np.int64]
 
     @property

@@ -22,7 +22,7 @@ Array = NDArray[np.floating]
 _RIDGE = 1e-9
 _TOOTH_HARMONICS = 6
 _MOST_ORDERS = 160
-_INAUDIBLE = 300.0
+_INAUDIBLE = 100.0
 _BESIDE = 1.5
 
 

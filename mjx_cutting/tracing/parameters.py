@@ -64,6 +64,7 @@ class Estimate:
 def estimates(tracing: Tracing) -> list[Estimate]:
     """Returns the effects' parameters in order of acceptance, then the mechanistic constants."""
     search = tracing.search
+    assert search.final.fits is not None
     by_fold, found = search.final.fits.model, []
     for index, kind in enumerate(search.effects):
         entry = tracing.verdict["effects"][index]

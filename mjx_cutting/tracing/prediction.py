@@ -74,15 +74,12 @@ def predictions(
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n))
     coefficients = np.asarray(lines_n)
     phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
-    order = np.arange(lines.orders + 1)
     rate_hz = dataset.sensor.sample_rate_hz
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     results = []
     for index, trial in enumerate(trials):
         angle = spindle_angle(trial, float(lines.speed_rev_s[index])) + phases[index]
-        heard = np.concatenate([[1.0], 2.0 * lines.present[index][1::2]])
-        wave = np.exp(1j * np.multiply.outer(angle, order)) * heard
-        force = band_limit(np.real(wave @ coefficients[index]), rate_hz, lines.band_hz)
+        force = wave(lines, index, angle, coefficients[index], rate_hz)
         results.append(
             Prediction(
                 file=trial.file,
@@ -95,6 +92,13 @@ def predictions(
             )
         )
     return tuple(results)
+
+
+def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate_hz: float) -> Array:
+    """[T, 3] force of given lines [orders + 1, 3] at the tool angles [T] of a trial, within the band, N."""
+    heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
+    turns = np.exp(1j * np.multiply.outer(angle_rad, np.arange(lines.orders + 1))) * heard
+    return band_limit(np.real(turns @ coefficients), rate_hz, lines.band_hz)
 
 
 @jax.jit

@@ -18,6 +18,7 @@ from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.figures.subject import subjects
 from mjx_cutting.tracing.parameters import estimates
 from mjx_cutting.tracing.search import Round
+from mjx_cutting.tracing.slow import SlowRound
 from mjx_cutting.tracing.trace import Tracing
 
 _ACROSS = ("feed", "spindle speed", "radial depth", "cut length", "clock time")
@@ -41,7 +42,7 @@ def render(tracing: Tracing) -> str:
         facts=_facts(tracing),
         effects=_effects(tracing),
         pictures=_pictures(tracing),
-        rounds=[_round(index, each) for index, each in enumerate(tracing.search.rounds)],
+        rounds=_rounds(tracing),
         parameters=_parameters(tracing),
         dependences=_dependences(tracing),
         remaining=verdict["remaining"],
@@ -58,6 +59,11 @@ def render(tracing: Tracing) -> str:
         verdict_json=json.dumps(verdict, indent=2, allow_nan=False),
         made=mjx_cutting.__version__,
     )
+
+
+def _rounds(tracing: Tracing) -> list[dict[str, Any]]:
+    steady = [_round(index, each) for index, each in enumerate(tracing.search.rounds)]
+    return steady + [_round(len(steady) + index, each) for index, each in enumerate(tracing.slow)]
 
 
 def _facts(tracing: Tracing) -> list[Fact]:
@@ -92,7 +98,7 @@ def _facts(tracing: Tracing) -> list[Fact]:
 
 
 def _strength_first(tracing: Tracing, entry: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    kind = next((each for each in tracing.search.effects if each.name == entry["name"]), None)
+    kind = next((each for each in tracing.kinds if each.name == entry["name"]), None)
     strength = kind.strength if kind is not None else ""
     return sorted(entry["parameters"].items(), key=lambda item: item[0] != strength)
 
@@ -101,7 +107,7 @@ def _effects(tracing: Tracing) -> list[dict[str, Any]]:
     shown = []
     for entry in tracing.verdict["effects"]:
         runner_up, separates = entry["runner_up"], ""
-        kind = next((each for each in tracing.search.effects if each.name == entry["name"]), None)
+        kind = next((each for each in tracing.kinds if each.name == entry["name"]), None)
         if runner_up is not None and kind is not None:
             separates = kind.confused_with.get(runner_up["name"], "")
         shown.append(
@@ -165,7 +171,7 @@ def _pictures(tracing: Tracing) -> dict[str, Picture | None]:
     }
 
 
-def _round(index: int, each: Round) -> dict[str, Any]:
+def _round(index: int, each: Round | SlowRound) -> dict[str, Any]:
     rows = []
     for candidate in each.candidates:
         decision = candidate.decision
@@ -290,7 +296,7 @@ def _left_out(verdict: dict[str, Any]) -> Table | None:
 
 
 def _trials(tracing: Tracing) -> Table:
-    base, final = tracing.search.base.per_trial, tracing.search.final.per_trial
+    base, final = tracing.search.base.per_trial, tracing.final.per_trial
     rows = []
     for each, old, new in zip(subjects(tracing), base, final, strict=True):
         trial = each.trial

@@ -22,8 +22,9 @@ from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, effect_starts
 from mjx_cutting.tracing.problem import Problem, residual
 
-_FIRST_STEPS = 2
-_STEPS = 8
+_FIRST_STEPS = 1
+_MORE_STEPS = 3
+_STEPS = 6
 _EXPLAINS = 1e-2
 Matrix = NDArray[np.floating]
 
@@ -72,8 +73,9 @@ def screen(
 def _screen(so_far: Descent, x: Matrix, squares: float, span: Matrix, kind: type[AbstractEffect]) -> Screened:
     both = Descent(so_far.problem, (*so_far.effects, kind), so_far.phase_rad)
     starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
-    tries = [both.descend(start, _FIRST_STEPS) for start in starts]
-    best, reached = both.descend(min(tries, key=lambda each: each[1])[0], _STEPS)
+    tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
+    tries = sorted((both.descend(each, _MORE_STEPS) for each, _ in tries[:2]), key=lambda each: each[1])
+    best, reached = both.descend(tries[0][0], _STEPS)
     share = max(0.0, 1.0 - reached / max(squares, 1e-300))
     shown = best if share > _EXPLAINS else starts[0]
     with_it, without = both.rows(shown[None]), so_far.rows(shown[None, : len(x)])

@@ -161,6 +161,7 @@ def _try(
 
 def parameters(effects: Effects, found: Fit, heldout: HeldOut) -> list[dict[str, Interval]]:
     """Parameters of every effect with their intervals, by name, in the order of `effects`."""
+    assert heldout.fits is not None
     return [
         {name: interval(kind, name, getattr(whole, name), getattr(by_fold, name)) for name in kind.parameters}
         for kind, whole, by_fold in zip(effects, found.model.effects, heldout.fits.model.effects, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +13,16 @@ import numpy as np
 
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
-from mjx_cutting.cutting import ForceModel, Tool, effect_class
+from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool, effect_class
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.evidence import evidence
-from mjx_cutting.tracing.heldout import folds
+from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.lines import Lines, compress, trusted_band
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
 from mjx_cutting.tracing.search import Search, search
-from mjx_cutting.tracing.verdict import testable, verdict
+from mjx_cutting.tracing.slow import SlowRound, courses, search_slow
+from mjx_cutting.tracing.verdict import final, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
 
@@ -31,7 +32,8 @@ class Tracing:
 
     Fields:
         dataset: the trials.
-        lines, search: their lines, the outcome of the search.
+        lines, search: their lines, the outcome of the search over steady effects.
+        slow: rounds of the search over effects that change along a trial.
         base_model, model: force model without and with the effects named.
         before, after: every cut trial beside the prediction of the two models.
         depends_before, depends_after: what the two residuals depend on.
@@ -41,6 +43,7 @@ class Tracing:
     dataset: Dataset
     lines: Lines
     search: Search
+    slow: tuple[SlowRound, ...]
     base_model: ForceModel
     model: ForceModel
     before: tuple[Prediction, ...]
@@ -48,6 +51,16 @@ class Tracing:
     depends_before: tuple[Dependence, ...]
     depends_after: tuple[Dependence, ...]
     verdict: dict[str, Any]
+
+    @property
+    def kinds(self) -> tuple[type[AbstractEffect], ...]:
+        """Effects named, in order of acceptance."""
+        return (*self.search.effects, *(each.accepted.kind for each in self.slow if each.accepted))
+
+    @property
+    def final(self) -> HeldOut:
+        """Error of the final model on held-out trials."""
+        return final(self.search, self.slow)
 
 
 def trace(
@@ -71,25 +84,36 @@ def trace(
         ValueError: unknown effect, a tool tracing does not know, fewer than two cut trials, or an empty band.
     """
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
+    steady = [kind for kind in kinds if kind.steady]
     _check(dataset)
     with _platform.x64():
         progress("reading the lines of every trial")
         lines = compress(dataset, trusted_band(dataset, band_hz))
         problem = pose(dataset, lines)
-        found = search(problem, lines, kinds, folds(dataset, seed), progress)
+        found = search(problem, lines, steady, folds(dataset, seed), progress)
         problem = found.problem
         base_model = _named(dataset, found.base_fit.model)
         model = _named(dataset, found.final_fit.model)
-        progress("testing what remains")
         before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
         after = predictions(dataset, lines, problem, model, shared_bias(problem, found.final_fit.x))
+        trials = courses(dataset, lines, problem, found.final_fit.model, after)
+        weight = np.asarray(problem.weight)
+        slow = search_slow(trials, found.final, weight, [kind.name for kind in kinds], progress)
+        accepted = [each.accepted for each in slow if each.accepted is not None]
+        after = tuple(
+            replace(one, predicted_n=one.predicted_n + sum(each.added_n[index] for each in accepted))
+            for index, one in enumerate(after)
+        )
+        model = model.with_effects(*(each.effect for each in accepted))
+        progress("testing what remains")
         teeth = dataset.tool.teeth
         depends_before = dependences(dataset, before, teeth, lines.orders)
         depends_after = dependences(dataset, after, teeth, lines.orders)
-        reasons = {kind.name: evidence(kind, dataset, before, after) for kind in found.effects}
-        word = verdict(dataset, lines, found, depends_before, depends_after, reasons)
+        named = (*found.effects, *(each.kind for each in accepted))
+        reasons = {kind.name: evidence(kind, dataset, before, after) for kind in named}
+        word = verdict(dataset, lines, found, slow, depends_before, depends_after, reasons)
     return Tracing(
-        dataset, lines, found, base_model, model, before, after, depends_before, depends_after, word
+        dataset, lines, found, slow, base_model, model, before, after, depends_before, depends_after, word
     )
 
 

@@ -9,22 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
+from mjx_cutting.tracing.course import KINDS
+from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.search import Round, Search, parameters
+from mjx_cutting.tracing.slow import SlowRound
 from mjx_cutting.trials.dataset import Dataset
 
 FORMAT = "mjx-cutting-verdict/1"
 AT_FLOOR = 1.1
 TIED = 2.0
-_MEASURABLE = ("joint velocity", "tool orientation")
 
 
 def verdict(
     dataset: Dataset,
     lines: Lines,
     found: Search,
+    slow: Sequence[SlowRound],
     before: Sequence[Dependence],
     after: Sequence[Dependence],
     evidence: dict[str, list[str]],
@@ -32,28 +35,37 @@ def verdict(
     """The verdict as a dictionary ready for verdict.json.
 
     Arguments:
-        dataset, lines, found: the data, its lines and the outcome of the search.
+        dataset, lines: the data and its lines.
+        found, slow: the outcome of the searches over steady effects and over those along a trial.
         before, after: what the residual depends on under the base and under the final model.
         evidence: sentences for each accepted effect, by name.
     """
     floor = noise_floor(dataset, lines)
     accepted = [each for each in found.rounds if each.accepted is not None]
     ambiguous = [pair for pair in map(_tie, accepted) if pair is not None]
-    named = [_effect(dataset, found, index, each, evidence) for index, each in enumerate(accepted)]
+    values = parameters(found.effects, found.final_fit, found.final)
+    named = [_effect(each, own, evidence) for each, own in zip(accepted, values, strict=True)]
+    named += [_effect(each, each.accepted.decision.parameters, evidence) for each in slow if each.accepted]
+    end = final(found, slow)
     left = [each for each in after if each.found]
     return {
         "format": FORMAT,
-        "verdict": _word(found, floor, bool(named), bool(ambiguous), list(before), left),
+        "verdict": _word(found.base, end, floor, bool(named), bool(ambiguous), list(before), left),
         "before": _errors(found.base, lines),
-        "after": _errors(found.final, lines),
+        "after": _errors(end, lines),
         "noise_floor_nrmse": floor,
         "band_hz": list(lines.band_hz),
         "effects": named,
         "ambiguous": ambiguous,
         "not_testable": not_testable(dataset),
-        "remaining": _remaining(found, lines, left),
+        "remaining": _remaining(found.base, end, left),
         "left_out": [{"file": each.file, "reason": each.reason} for each in dataset.left_out],
     }
+
+
+def final(found: Search, slow: Sequence[SlowRound]) -> HeldOut:
+    """Error on held-out trials of the model with everything accepted."""
+    return next((each.accepted.heldout for each in reversed(slow) if each.accepted), found.final)
 
 
 def noise_floor(dataset: Dataset, lines: Lines) -> float:
@@ -73,23 +85,22 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
 
 
 def not_testable(dataset: Dataset) -> list[dict[str, str]]:
-    """Registered effects whose telling covariate these trials do not have."""
+    """Registered effects whose telling covariate is absent, or that tracing cannot look for."""
     missing = []
+    slow = {kind.name for kind in KINDS}
     for name in effect_names():
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
         if absent:
             missing.append({"name": name, "needs": ", ".join(absent)})
+        elif not effect_class(name).steady and name not in slow:
+            missing.append({"name": name, "needs": "a fit to the whole record, which tracing does not make"})
     return missing
 
 
 def testable(dataset: Dataset) -> list[type[AbstractEffect]]:
-    """Effects tried without being asked for: all registered ones that these trials can test.
-
-    The search fits lines of a steady revolution, so effects that are not `steady` are left out.
-    """
+    """Effects tried without being asked for: all registered ones that these trials can test."""
     absent = {entry["name"] for entry in not_testable(dataset)}
-    kinds = [effect_class(name) for name in effect_names() if name not in absent]
-    return [kind for kind in kinds if kind.steady]
+    return [effect_class(name) for name in effect_names() if name not in absent]
 
 
 def has(dataset: Dataset, need: str) -> bool:
@@ -108,14 +119,20 @@ def has(dataset: Dataset, need: str) -> bool:
 
 
 def _word(
-    found: Search, floor: float, named: bool, tied: bool, before: list[Dependence], left: list[Dependence]
+    base: HeldOut,
+    end: HeldOut,
+    floor: float,
+    named: bool,
+    tied: bool,
+    before: list[Dependence],
+    left: list[Dependence],
 ) -> str:
     if not named:
-        missing = found.base.nrmse > AT_FLOOR * floor and any(each.found for each in before)
+        missing = base.nrmse > AT_FLOOR * floor and any(each.found for each in before)
         return "unexplained" if missing else "nothing missing"
     if tied:
         return "ambiguous"
-    return "partly explained" if found.final.nrmse > AT_FLOOR * floor or left else "explained"
+    return "partly explained" if end.nrmse > AT_FLOOR * floor or left else "explained"
 
 
 def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:
@@ -127,10 +144,9 @@ def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:
 
 
 def _effect(
-    dataset: Dataset, found: Search, index: int, each: Round, evidence: dict[str, list[str]]
+    each: Round | SlowRound, values: dict[str, Interval], evidence: dict[str, list[str]]
 ) -> dict[str, Any]:
     assert each.accepted is not None
-    values = parameters(found.effects, found.final_fit, found.final)[index]
     runner_up = each.runner_up
     return {
         "name": each.accepted.kind.name,
@@ -171,8 +187,8 @@ def _tie(each: Round) -> dict[str, Any] | None:
     return None
 
 
-def _remaining(found: Search, lines: Lines, left: list[Dependence]) -> dict[str, Any]:
-    share = float(found.final.error_n2.sum() / max(found.base.error_n2.sum(), 1e-300))
+def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence]) -> dict[str, Any]:
+    share = float(end.error_n2.sum() / max(base.error_n2.sum(), 1e-300))
     if left:
         says = "; ".join(
             f"{each.covariate} ({each.share:.0%} of what is left): {each.look_for}" for each in left

@@ -147,7 +147,7 @@ def _floor(verdict: dict[str, Any]) -> str:
 
 def _tried(tracing: Tracing, one_does: str, it_does: str) -> str:
     """What the effects that were tried do not do, in words, however many they were."""
-    count = len(tracing.search.rounds[0].candidates) if tracing.search.rounds else 0
+    count = len(tracing.search.rounds[0].screened) if tracing.search.rounds else 0
     if count == 0:
         return "no known effect could be tried"
     if count == 1:

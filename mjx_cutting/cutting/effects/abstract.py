@@ -96,6 +96,8 @@ class AbstractEffect(eqx.Module):
         steady: False where one revolution under given conditions does not hold the effect (it lives in
             position, in time or at frequencies of its own): fit it on the record, by `ForceModel.predict`.
         coupled: True where the effect's memory acts back on the process force, see `recall`.
+        per_turn: True where `spindle` and `engage` change only what holds for a whole turn (speed, depth,
+            arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
         signature: one sentence, what it leaves in a residual.
         confused_with: other effects and what separates them from this one.
     """
@@ -107,6 +109,7 @@ class AbstractEffect(eqx.Module):
     needs: ClassVar[tuple[str, ...]] = ()
     steady: ClassVar[bool] = True
     coupled: ClassVar[bool] = False
+    per_turn: ClassVar[bool] = False
     signature: ClassVar[str] = ""
     confused_with: ClassVar[dict[str, str]] = {}
 
@@ -115,6 +118,10 @@ class AbstractEffect(eqx.Module):
     def spindle(self, cut: Cut, model: ForceModel) -> Cut:
         """Angle, speed and feed as they really are."""
         return cut
+
+    def ahead(self, angle_rad: ArrayLike) -> Array | None:
+        """[...] how far the tool, at `angle_rad`, is ahead of turning evenly, rad; None where it is not."""
+        return None
 
     def engage(self, cut: Cut, force: Callable[[Cut], Array], model: ForceModel) -> Cut:
         """Depth and arc as a compliant structure leaves them; `force(cut)` is the process force [..., 3]."""

@@ -41,6 +41,7 @@ class SpindleDroop(AbstractEffect):
         "droop_rev_s_nm": Parameter("rev/s/(N m)", 0.0, 100.0, 0.0, 1.0, source="1-10 % of the speed"),
     }
     coupled = True
+    per_turn = True
     signature = "lines shift with load, phase walks, mean rises"
     confused_with = {"wrong spindle speed": "a wrong speed is off without load too"}
 

@@ -46,6 +46,7 @@ class StaticCompliance(AbstractEffect):
     parameters = {
         "compliance_m_n": Parameter("m/N", 0.0, 2e-3, 0.0, 1e-5, source="K = 0.0005-1 N/um"),
     }
+    per_turn = True
     signature = "force concave in load, slow entry, dependent on pose"
     confused_with = {"size_effect": "a sweep of depth bends the law of a compliant structure only"}
 

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.chip import Chip
+from mjx_cutting.cutting.chip import Chip, edge_lags
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.coordinates import polar
@@ -43,6 +43,7 @@ class TorqueRipple(AbstractEffect):
         "order": Parameter("1", 0.0, 50.0, None, 0.0, source="poles and slots: 2-14"),
         "phase_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
     }
+    per_turn = True
     signature = "small lines at p times the spindle frequency while cutting"
     confused_with = {"radial_runout": "runout is of order 1 and does not move with the motor"}
 
@@ -51,19 +52,18 @@ class TorqueRipple(AbstractEffect):
     phase_rad: ArrayLike
 
     def spindle(self, cut: Cut, model: ForceModel) -> Cut:
-        return cut.replace(angle_rad=cut.angle_rad + self._ahead_rad(cut.angle_rad))
+        return cut.replace(angle_rad=cut.angle_rad + self.ahead(cut.angle_rad))
+
+    def ahead(self, angle_rad: ArrayLike) -> Array:
+        order = jnp.asarray(self.order)
+        turned = jnp.sin(order * jnp.asarray(angle_rad) + self.phase_rad)
+        return turned * jnp.asarray(self.amplitude) / order
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         pitch = 2.0 * jnp.pi / model.tool.teeth
-        angle = jnp.asarray(cut.angle_rad)
-        gained = self._ahead_rad(angle) - self._ahead_rad(angle - pitch)
-        longer = 1.0 - gained / pitch
-        return chip._replace(thickness_m=chip.thickness_m * longer[..., None, None])
-
-    def _ahead_rad(self, angle_rad: ArrayLike) -> Array:
-        order = jnp.asarray(self.order)
-        ahead = jnp.sin(order * jnp.asarray(angle_rad) + self.phase_rad)
-        return ahead * jnp.asarray(self.amplitude) / order
+        angle = chip.angle_rad + edge_lags(model.cutter(), cut, model.tool)[0]
+        gained = self.ahead(angle) - self.ahead(angle - pitch)
+        return chip._replace(thickness_m=chip.thickness_m * (1.0 - gained / pitch))
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> TorqueRipple:

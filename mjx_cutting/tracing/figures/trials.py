@@ -23,7 +23,7 @@ def trials_figure(tracing: Tracing) -> Figure:
     """Returns the figure: a trial a row, its error before and after as two points."""
     found = subjects(tracing)
     old = 100.0 * tracing.search.base.per_trial
-    new = 100.0 * tracing.search.final.per_trial
+    new = 100.0 * tracing.final.per_trial
     floor = 100.0 * floors(tracing)
     count = len(found)
     rows = np.arange(count)

@@ -70,7 +70,7 @@ def _make(
         if word in ("partly explained", "unexplained")
         else (replace(depends[0], p_value=0.7), depends[1])
     )
-    said = verdict(dataset, lines, found, depends, left, {"radial_runout": ["a line of 40 N"]})
+    said = verdict(dataset, lines, found, (), depends, left, {"radial_runout": ["a line of 40 N"]})
     pair = {
         "names": ["radial_runout", "unequal_pitch"],
         "cosine": 0.97,
@@ -79,7 +79,7 @@ def _make(
     said |= {"verdict": word, "ambiguous": [pair] if word == "ambiguous" else []}
     base_model, model = _model(teeth, False), _model(teeth, named)
     return Tracing(
-        dataset, lines, found, base_model, model, before, after if named else before, depends, left, said
+        dataset, lines, found, (), base_model, model, before, after if named else before, depends, left, said
     )  # fmt: skip
 
 
@@ -152,9 +152,9 @@ def _search(energy: np.ndarray, teeth: int, named: bool) -> Search:
         runout = replace(runout, heldout=held(0.3, True), decision=bad)
     pitch = Candidate(effect_class("unequal_pitch"), fit(False), held(0.31, False), bad)
     base, final = held(0.3, False), held(0.1, True)
-    rounds = [Round(base, (runout, pitch), runout if named else None)]
+    rounds = [Round(base, (), (runout, pitch), runout if named else None)]
     if named:
-        rounds.append(Round(final, (pitch,), None))
+        rounds.append(Round(final, (), (pitch,), None))
     last = final if named else base
     kinds = (effect_class("radial_runout"),) if named else ()
     return Search(None, fit(False), base, kinds, fit(named), last, tuple(rounds))  # type: ignore[arg-type]

@@ -1,0 +1,272 @@
+"""Effects that change along a trial: material that varies with position, mains, a stepped feed.
+
+The lines of a whole trial do not hold them. Given the best steady model, its prediction splits into a wave of
+the chip and one of the edge; what such an effect adds is, for given shapes p (a wavelength, a place, a
+frequency), linear in a few coefficients c:
+
+    measured - predicted = X_p(t) c + noise,      X_p for instance  chip wave x cos(2 pi s / wavelength)
+
+Whatever a change of the whole trial's chip, edge or zero could imitate is first taken out of X_p. Per trial
+and shape only X^T X and X^T e are kept, so that fits to any set of trials, and errors on the others, are sums
+of small matrices: the shape is searched over a grid and each fold of the held-out error searches its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, effect_class
+from mjx_cutting.tracing.lines import band_limit
+from mjx_cutting.trials.dataset import Trial
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """One trial as the slow effects see it.
+
+    Fields:
+        time_s: [T] from its start; clock_s: [T] since the sensor was zeroed.
+        position_m: [T] along the path, measured or from the feed.
+        feed_share: [T] measured feed over nominal, less one, held at no period; None where not measured.
+        chip_n, edge_n: [T, 3] waves of the chip and the edge, N.
+        left_n: [T, 3] measured less predicted, N.
+        rate_hz, band_hz: sampling rate and the band compared.
+    """
+
+    time_s: Array
+    clock_s: Array
+    position_m: Array
+    feed_share: Array | None
+    chip_n: Array
+    edge_n: Array
+    left_n: Array
+    rate_hz: float
+    band_hz: tuple[float, float]
+
+    def own(self, columns: Array) -> Array:
+        """[T, 3, k] columns within the band, without what chip, edge and zero of this trial can imitate."""
+        heard = np.stack(
+            [band_limit(columns[..., i], self.rate_hz, self.band_hz) for i in range(columns.shape[-1])],
+            axis=-1,
+        )
+        one = np.zeros((*self.chip_n.shape, 3))
+        one[:, range(3), range(3)] = 1.0
+        same = np.concatenate([self.chip_n[..., None], self.edge_n[..., None], one], axis=-1).reshape(-1, 5)
+        flat = heard.reshape(same.shape[0], -1)
+        scale = np.maximum(np.linalg.norm(same, axis=0), 1e-12)
+        basis = same / scale
+        weights = np.linalg.lstsq(basis.T @ basis + 1e-10 * np.eye(5), basis.T @ flat, rcond=None)[0]
+        return (flat - basis @ weights).reshape(heard.shape)
+
+
+def along_path(trial: Trial) -> Array:
+    """[T] position along the path, m: the measured axis that moves most, or the feed's integral from zero."""
+    if trial.position_m is not None:
+        axis = int(np.argmax(np.ptp(trial.position_m, axis=0)))
+        place = trial.position_m[:, axis]
+        return place if place[-1] >= place[0] else -place
+    time = trial.time_s - trial.time_s[0]
+    if trial.feed_speed_measured_m_s is not None:
+        step = np.diff(time, prepend=time[0])
+        return np.cumsum(trial.feed_speed_measured_m_s * step)
+    return trial.feed_speed_m_s * time
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """How one slow effect is looked for.
+
+    Fields:
+        name: the effect in the library.
+        testable: whether these trials can show it.
+        grid: shapes [P, d] worth trying on these trials.
+        columns: [T, 3, k] what one shape adds for each unit coefficient.
+        build: the effect from a shape [d] and coefficients [k].
+    """
+
+    name: str
+    testable: Callable[[Sequence[Course]], bool]
+    grid: Callable[[Sequence[Course]], Array]
+    columns: Callable[[Course, Array], Array]
+    build: Callable[[Array, Array], AbstractEffect]
+
+    @property
+    def effect(self) -> type[AbstractEffect]:
+        """The effect's class."""
+        return effect_class(self.name)
+
+
+def _always(courses: Sequence[Course]) -> bool:
+    return True
+
+
+def _wavelengths(courses: Sequence[Course]) -> Array:
+    """[P, 1] wavelengths from half the path down to 1 mm, as many as the positions at hand can tell apart."""
+    path = max(float(np.ptp(each.position_m)) for each in courses)
+    span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
+    samples_per_m = min(len(each.time_s) / max(float(np.ptp(each.position_m)), 1e-9) for each in courses)
+    waves = np.arange(2.0 / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
+    return 1.0 / waves[:_MOST_SHAPES, None]
+
+
+def _periodic(course: Course, shape: Array) -> Array:
+    turn = 2.0 * np.pi * course.position_m / shape[0]
+    return np.stack([np.cos(turn)[:, None] * course.chip_n, -np.sin(turn)[:, None] * course.chip_n], axis=-1)
+
+
+def _periodic_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("material_periodicity")(
+        amplitude=float(np.hypot(*c)), wavelength_m=float(shape[0]), phase_rad=float(np.arctan2(c[1], c[0]))
+    )
+
+
+def _layers(courses: Sequence[Course]) -> Array:
+    low = min(float(each.position_m.min()) for each in courses)
+    high = max(float(each.position_m.max()) for each in courses)
+    border = np.linspace(low, high, 41)
+    pairs = [
+        (a, b - a) for i, a in enumerate(border[:-1]) for b in border[i + 1 :] if b - a < 0.9 * (high - low)
+    ]
+    return np.asarray(pairs)
+
+
+def _layer(course: Course, shape: Array) -> Array:
+    since = course.position_m - shape[0]
+    inside = np.clip(0.5 + np.minimum(since, shape[1] - since) / 1e-4, 0.0, 1.0)
+    return (inside[:, None] * (course.chip_n + course.edge_n))[..., None]
+
+
+def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("layered_material")(
+        change=float(c[0]), start_m=float(shape[0]), length_m=float(shape[1])
+    )
+
+
+def _mains(courses: Sequence[Course]) -> Array:
+    top = courses[0].band_hz[1]
+    return np.asarray([[f * n] for f in (50.0, 60.0) for n in (1, 2, 3) if f * n < top] or [[50.0]])
+
+
+def _mains_columns(course: Course, shape: Array) -> Array:
+    turn = 2.0 * np.pi * shape[0] * course.time_s
+    columns = np.zeros((len(turn), 3, 6))
+    for axis in range(3):
+        columns[:, axis, axis], columns[:, axis, 3 + axis] = np.cos(turn), -np.sin(turn)
+    return columns
+
+
+def _mains_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("mains_pickup")(
+        amplitude_n=np.hypot(c[:3], c[3:]), phase_rad=np.arctan2(c[3:], c[:3]), frequency_hz=float(shape[0])
+    )
+
+
+def _stairs(courses: Sequence[Course]) -> Array:
+    return np.asarray([[0.01], [0.02], [0.025], [0.04], [0.05], [0.1]])
+
+
+def _stair(course: Course, shape: Array) -> Array:
+    assert course.feed_share is not None
+    period = np.floor(course.time_s / shape[0] + 1e-6)
+    first = np.searchsorted(period, period)
+    return (course.feed_share[first][:, None] * course.chip_n)[..., None]
+
+
+def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("command_stair")(share=float(c[0]), period_s=float(shape[0]))
+
+
+_MOST_SHAPES = 2000
+KINDS: tuple[Kind, ...] = (
+    Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect),
+    Kind("layered_material", _always, _layers, _layer, _layer_effect),
+    Kind(
+        "mains_pickup",
+        lambda courses: courses[0].band_hz[1] > 50.0,
+        _mains,
+        _mains_columns,
+        _mains_effect,
+    ),
+    Kind(
+        "command_stair",
+        lambda courses: all(each.feed_share is not None for each in courses),
+        _stairs,
+        _stair,
+        _stair_effect,
+    ),
+)
+"""Slow effects that tracing looks for by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """X^T X [R, P, 3, k, k] and X^T e [R, P, 3, k] by trial, shape and axis."""
+
+    square: Array
+    product: Array
+
+
+def sums(kind: Kind, courses: Sequence[Course], shapes: Array) -> Sums:
+    """Sufficient statistics of a kind of effect over shapes [P, d]."""
+    squares, products = [], []
+    for course in courses:
+        each = [_of_one(course, course.own(kind.columns(course, shape))) for shape in shapes]
+        squares.append(np.stack([square for square, _ in each]))
+        products.append(np.stack([product for _, product in each]))
+    return Sums(np.stack(squares), np.stack(products))
+
+
+def _of_one(course: Course, columns: Array) -> tuple[Array, Array]:
+    return np.einsum("tak,tal->akl", columns, columns), np.einsum("tak,ta->ak", columns, course.left_n)
+
+
+def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:
+    """Best shape, its coefficients [k], and the fall [P] of the weighted squared error at every shape.
+
+    Arguments:
+        use: [R] 1 for trials fitted to.
+        weight: [3] 1 / standard deviation of each axis.
+    """
+    square = np.einsum("rpakl,r,a->pkl", found.square, use, weight**2)
+    product = np.einsum("rpak,r,a->pk", found.product, use, weight**2)
+    trace = np.trace(square, axis1=1, axis2=2)[:, None, None]
+    ridge = (1e-9 * trace + 1e-30) * np.eye(square.shape[-1])
+    coefficients = np.linalg.solve(square + ridge, product[..., None])[..., 0]
+    fall = np.einsum("pk,pk->p", coefficients, product)
+    best = int(np.argmax(fall))
+    return best, coefficients[best], fall
+
+
+def error_change(found: Sums, shape: int, coefficients: Array) -> Array:
+    """[R, 3] change of each trial's squared error, N^2, when `shape` with `coefficients` is added."""
+    square = np.einsum("rakl,k,l->ra", found.square[:, shape], coefficients, coefficients)
+    return square - 2.0 * np.einsum("rak,k->ra", found.product[:, shape], coefficients)
+
+
+def refined(kind: Kind, courses: Sequence[Course], shapes: Array, best: int) -> Array:
+    """[P, d] shapes around the best, closer together than in the grid."""
+    here = shapes[best]
+    if kind.name == "material_periodicity":
+        waves = 1.0 / shapes[:, 0]
+        step = abs(waves[1] - waves[0]) if len(waves) > 1 else 1.0
+        return 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)[:, None]
+    if kind.name == "layered_material":
+        step = float(np.min(np.diff(np.unique(shapes[:, 0])))) if len(shapes) > 1 else 1e-3
+        shift = step * np.linspace(-1.0, 1.0, 13)
+        ends = here[0] + here[1]
+        return np.asarray(
+            [(here[0] + a, ends + b - here[0] - a) for a in shift for b in shift if ends + b > here[0] + a]
+        )
+    return here[None]
+
+
+def as_values(effect: AbstractEffect) -> dict[str, Any]:
+    """Parameter values of an effect as arrays, by name."""
+    return {name: np.asarray(value, dtype=float) for name, value in effect.values().items()}

@@ -1,0 +1,217 @@
+"""Search over effects that change along a trial, after the steady ones: same tests, same held-out trials.
+
+A named effect must also do most of what an unnamed one could: force that varies freely with position (hats
+over the path) is fitted beside it, and where that does much better, the effect is not the cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
+from mjx_cutting.tracing.course import (
+    KINDS,
+    Course,
+    Kind,
+    Sums,
+    along_path,
+    as_values,
+    error_change,
+    refined,
+    solve,
+    sums,
+)
+from mjx_cutting.tracing.decision import Decision, Interval, decide, gain_over_trials, interval
+from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.prediction import Prediction, wave
+from mjx_cutting.tracing.problem import Problem, model_lines
+from mjx_cutting.trials.dataset import Dataset
+
+MOST_SLOW = 3
+_HATS = 24
+_SHARE_OF_FREE = 0.7
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class SlowCandidate:
+    """A slow effect tried: as fitted, its held-out error, the decision; what it adds to each trial, N."""
+
+    kind: type[AbstractEffect]
+    effect: AbstractEffect
+    heldout: HeldOut
+    decision: Decision
+    added_n: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SlowRound:
+    """One round: error before, the candidates in order of held-out error, and the one accepted, if any."""
+
+    before: HeldOut
+    candidates: tuple[SlowCandidate, ...]
+    accepted: SlowCandidate | None
+
+    @property
+    def runner_up(self) -> SlowCandidate | None:
+        """The best candidate that was not accepted."""
+        return next((each for each in self.candidates if each is not self.accepted), None)
+
+
+def courses(
+    dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, after: Sequence[Prediction]
+) -> tuple[Course, ...]:
+    """The cut trials as slow effects see them, under the best steady model and its predictions."""
+    material = model.material
+    chip = Material(material.K_tc_n_m2, 0.0, material.K_rc_n_m2, 0.0, material.K_ac_n_m2, 0.0)
+    parts = jnp.stack(
+        [
+            jnp.asarray(each)
+            for each in (_lines(problem, replace_material(model, chip)), _lines(problem, model))
+        ]
+    )
+    chip_lines, whole_lines = np.asarray(parts)
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    found = []
+    for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
+        chip_n = wave(lines, index, each.angle_rad, chip_lines[index], dataset.sensor.sample_rate_hz)
+        whole_n = wave(lines, index, each.angle_rad, whole_lines[index], dataset.sensor.sample_rate_hz)
+        measured = trial.feed_speed_measured_m_s
+        found.append(
+            Course(
+                time_s=each.time_s,
+                clock_s=trial.clock_start_s + each.time_s,
+                position_m=along_path(trial),
+                feed_share=None if measured is None else measured / trial.feed_speed_m_s - 1.0,
+                chip_n=chip_n,
+                edge_n=whole_n - chip_n,
+                left_n=each.residual_n,
+                rate_hz=dataset.sensor.sample_rate_hz,
+                band_hz=lines.band_hz,
+            )
+        )
+    return tuple(found)
+
+
+def replace_material(model: ForceModel, material: Material) -> ForceModel:
+    """The model with other constants."""
+    return ForceModel(model.tool, material, model.effects)
+
+
+@jax.jit
+def _lines(problem: Problem, model: ForceModel) -> jax.Array:
+    return model_lines(problem, model)
+
+
+def search_slow(
+    trials: Sequence[Course],
+    before: HeldOut,
+    weight: Array,
+    names: Sequence[str] | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> tuple[SlowRound, ...]:
+    """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
+
+    Arguments:
+        trials: courses of the cut trials.
+        before: held-out error of the steady model, with its folds.
+        weight: [3] 1 / standard deviation of each axis.
+        names: effects to try; default all of `KINDS`.
+    """
+    open_ = [kind for kind in KINDS if (names is None or kind.name in names) and kind.testable(trials)]
+    rounds: list[SlowRound] = []
+    while open_ and len(rounds) < MOST_SLOW:
+        free = _free_in_position(trials, before, weight)
+        tried = []
+        for kind in open_:
+            progress(f"along the trial: {kind.name}")
+            tried.append(_try(kind, trials, before, weight, free, len(open_)))
+        tried.sort(key=lambda each: each.heldout.nrmse)
+        accepted = next((each for each in tried if each.decision.accepted), None)
+        rounds.append(SlowRound(before, tuple(tried), accepted))
+        if accepted is None:
+            break
+        before = accepted.heldout
+        trials = [
+            replace(each, left_n=each.left_n - added)
+            for each, added in zip(trials, accepted.added_n, strict=True)
+        ]
+        open_ = [kind for kind in open_ if kind.effect is not accepted.kind]
+    return tuple(rounds)
+
+
+def _try(
+    kind: Kind, trials: Sequence[Course], before: HeldOut, weight: Array, free: float, tries: int
+) -> SlowCandidate:
+    shapes = kind.grid(trials)
+    everyone = np.ones(len(trials))
+    coarse = sums(kind, trials, shapes)
+    near = refined(kind, trials, shapes, solve(coarse, everyone, weight)[0])
+    close = sums(kind, trials, near)
+    shapes = np.concatenate([shapes, near])
+    found = Sums(
+        np.concatenate([coarse.square, close.square], axis=1),
+        np.concatenate([coarse.product, close.product], axis=1),
+    )
+    best, c, _ = solve(found, everyone, weight)
+    effect = kind.build(shapes[best], c)
+    error = np.zeros_like(before.error_n2)
+    by_fold = []
+    for fold in range(int(before.fold.max()) + 1):
+        shape, own, _ = solve(found, (before.fold != fold).astype(float), weight)
+        held = before.fold == fold
+        error[held] = (before.error_n2 + error_change(found, shape, own))[held]
+        by_fold.append(as_values(kind.build(shapes[shape], own)))
+    after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
+    gain, spread = gain_over_trials(before, after)
+    folds = max(len(by_fold) - 1, 1)
+    p = tries * float(stats.t.sf(gain / max(spread, 1e-300), folds)) if np.isfinite(spread) else 1.0
+    decision = decide(kind.effect, before, after, min(p, 1.0), _intervals(kind, effect, by_fold))
+    explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
+    if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
+        ratio = free / max(explained, 1e-300)
+        why = f"force that varies freely with position explains {ratio:.1f} times as much"
+        decision = replace(decision, accepted=False, reasons=(why,))
+    added = tuple(each.own(kind.columns(each, shapes[best])) @ c for each in trials)
+    return SlowCandidate(kind.effect, effect, after, decision, added)
+
+
+_IN_POSITION = ("material_periodicity", "layered_material")
+
+
+def _intervals(kind: Kind, effect: AbstractEffect, by_fold: list[dict[str, Array]]) -> dict[str, Interval]:
+    whole = as_values(effect)
+    return {
+        name: interval(kind.effect, name, whole[name], np.stack([each[name] for each in by_fold]))
+        for name in kind.effect.parameters
+        if name in whole
+    }
+
+
+def _free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -> float:
+    """Fall of the weighted squared error on held-out trials that force free to vary with position brings."""
+    low = min(float(each.position_m.min()) for each in trials)
+    high = max(float(each.position_m.max()) for each in trials)
+    knots = np.linspace(low, high, _HATS)
+    width = max(knots[1] - knots[0], 1e-9)
+
+    def hats(course: Course, shape: Array) -> Array:
+        share = np.clip(1.0 - np.abs(course.position_m[:, None] - knots) / width, 0.0, 1.0)
+        return (course.chip_n + course.edge_n)[..., None] * share[:, None, :]
+
+    kind = Kind("", lambda _: True, lambda _: np.zeros((1, 1)), hats, lambda shape, c: None)  # type: ignore[arg-type,return-value]
+    found = sums(kind, trials, np.zeros((1, 1)))
+    fall = 0.0
+    for fold in range(int(before.fold.max()) + 1):
+        _, c, _ = solve(found, (before.fold != fold).astype(float), weight)
+        held = before.fold == fold
+        fall -= float(np.sum(error_change(found, 0, c)[held] * weight**2))
+    return max(fall, 0.0)
