@@ -83,7 +83,7 @@ def main() -> None:
     error = (aligned.lag_s - aligned.lag_s.mean()) - (lags - lags.mean())
     found["lag_error_rms_s"] = float(np.sqrt(np.mean(error**2)))
     report = aligned.report()
-    found |= {k: report[k] for k in ("spread_before", "spread_after", "period_before_s", "period_after_s")}
+    found |= {k: v for k, v in report.items() if k.startswith(("spread_", "period_"))}
     found["peak_rss_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     found["peers"] = peers(series)
     for key, value in found.items():

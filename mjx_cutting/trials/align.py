@@ -48,8 +48,8 @@ class Alignment:
         reference: the trial whose clock it is; -1 where a measured variable gave the clock.
         lag_s: [R] by how much later than the reference each trial started its cut, s.
         distance: [R, R] normalised warp distance, query by row; nan where none was computed.
-        before, after: [R, N, C] the aligned series in their own unit: shifted only, and warped; nan where a
-            trial has no sample.
+        before, shifted, after: [R, N, C] the series in their own unit: each on its own clock, shifted only
+            (on a measured coordinate: as `after`), and aligned; nan where a trial has no sample.
     """
 
     variable: str
@@ -63,6 +63,7 @@ class Alignment:
     lag_s: Real
     distance: Real
     before: Real
+    shifted: Real
     after: Real
 
     def apply(self, series: Sequence[ArrayLike], *, warp: bool = True) -> Real:
@@ -103,8 +104,10 @@ class Alignment:
             "warp_steps_share": float(np.mean(aside)) if aside else 0.0,
             "coverage": np.isfinite(self.after).all(-1).mean(1).tolist(),
             "spread_before": _spread(self.before),
+            "spread_shifted": _spread(self.shifted),
             "spread_after": _spread(self.after),
             "period_before_s": dominant_period(self.before, step),
+            "period_shifted_s": dominant_period(self.shifted, step),
             "period_after_s": dominant_period(self.after, step),
         }
 
@@ -206,7 +209,8 @@ def align(
         reference=reference,
         lag_s=(lags - lags[reference]) / sample_rate_hz,
         distance=distance,
-        before=np.stack([reindex(p, None, size) for p in placed]),
+        before=_plain_clock(arrays, size),
+        shifted=np.stack([reindex(p, None, size) for p in placed]),
         after=np.stack([reindex(p, m, size) for p, m in zip(placed, matches, strict=True)]),
     )
 
@@ -251,6 +255,7 @@ def align_measured(
         lag_s=np.array([np.interp(first, c, np.arange(len(c))) for c in tracks]) / sample_rate_hz,
         distance=np.full((len(arrays), len(arrays)), np.nan),
         before=_plain_clock(arrays, len(grid)),
+        shifted=placed,
         after=placed,
     )
 

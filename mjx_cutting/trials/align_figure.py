@@ -1,4 +1,4 @@
-"""The picture of an alignment: all trials over each other, before and after, one row a channel."""
+"""The picture of an alignment: all trials over each other, before and after each step, one row a channel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ SHOWN_PERIODS = 12.0  # of the strongest line, so that single cycles are seen
 def draw(
     alignment: Alignment, channels: Sequence[str] = ("x", "y", "z"), shown_s: float | None = None
 ) -> Figure:
-    """Returns the figure: trials before (left) and after (right), their mean in black, N over s.
+    """Returns the figure: trials on their own clocks (left), shifted where a warp followed, and aligned
+    (right), their mean in black, N over s.
 
     Args:
         alignment: from `align` or `align_trials`.
@@ -33,12 +34,17 @@ def draw(
         shown_s = SHOWN_PERIODS * period if np.isfinite(period) else float(time[-1] - time[0])
     count = alignment.after.shape[2]
     names = list(channels)[:count] if len(channels) >= count else [str(c) for c in range(count)]
-    figure = Figure(figsize=(10, 1.2 + 2.1 * count), layout="constrained")
+    warped = any(match is not None for match in alignment.matches)
+    columns = [("before, each on its own clock", alignment.before)]
+    if warped:
+        columns.append(("shifted", alignment.shifted))
+    how = "shifted and warped in" if warped else "aligned in"
+    columns.append((f"after, {how} {alignment.variable.replace('_', ' ')}", alignment.after))
+    figure = Figure(figsize=(2 + 4 * len(columns), 1.2 + 2.1 * count), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(count, 2, sharex=True, sharey="row", squeeze=False)
+    panels = figure.subplots(count, len(columns), sharex=True, sharey="row", squeeze=False)
     kept = time <= time[0] + shown_s
-    titles = ("before", f"after, aligned in {alignment.variable.replace('_', ' ')}")
-    for column, (values, title) in enumerate(zip((alignment.before, alignment.after), titles, strict=True)):
+    for column, (title, values) in enumerate(columns):
         panels[0, column].set_title(title, fontsize=10)
         for c in range(count):
             panel = panels[c, column]
@@ -51,7 +57,7 @@ def draw(
             panel.grid(alpha=0.25)
             if column == 0:
                 panel.set_ylabel(f"force {names[c]} (N)")
-        panels[-1, column].set_xlabel("time on the common clock (s)")
+        panels[-1, column].set_xlabel("time (s)" if column == 0 else "time on the common clock (s)")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", fontsize=8, frameon=False)
     return figure
