@@ -262,7 +262,12 @@ def refined(kind: Kind, courses: Sequence[Course], shapes: Array, best: int) -> 
         shift = step * np.linspace(-1.0, 1.0, 13)
         ends = here[0] + here[1]
         return np.asarray(
-            [(here[0] + a, ends + b - here[0] - a) for a in shift for b in shift if ends + b > here[0] + a]
+            [
+                (here[0] + a, ends + b - here[0] - a)
+                for a in shift
+                for b in shift
+                if ends + b - here[0] - a > 0.2 * step
+            ]
         )
     return here[None]
 

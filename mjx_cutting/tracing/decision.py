@@ -162,7 +162,7 @@ def decide(
 
 
 def _at_edge(value: float, declared: Parameter) -> bool:
-    """Whether a value lies at an end of its range, or beyond; the end where the effect vanishes is no edge."""
+    """Whether a value lies at an end of its range, or beyond; one where the effect vanishes is no edge."""
     low, high = declared.low, declared.high
     if declared.log and low > 0.0:
         low, high, value = np.log(low), np.log(high), np.log(max(value, 1e-300))

@@ -10,12 +10,13 @@ units. `share` is the part of the residual's energy that goes with the covariate
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from mjx_cutting.tracing.decision import TOLERANCE
 from mjx_cutting.tracing.lines import basis
 from mjx_cutting.tracing.prediction import Prediction
 from mjx_cutting.trials.dataset import Dataset
@@ -29,17 +30,22 @@ _PERMUTATIONS = 4000
 
 @dataclass(frozen=True)
 class Dependence:
-    """One covariate: p value, share of the residual's energy that goes with it, and what to look for."""
+    """What a residual does with one covariate.
+
+    Fields: `p_value` of chance; `share` of the residual energy that goes with the covariate; `of_force`, the
+    same as a root mean square over that of the force; `look_for`, in words.
+    """
 
     covariate: str
     p_value: float
     share: float
+    of_force: float
     look_for: str
 
     @property
     def found(self) -> bool:
-        """True where it is beyond chance and large enough to matter."""
-        return self.p_value < SIGNIFICANT and self.share > NOTICEABLE
+        """True where it is beyond chance, and more than any model's own calculation may be off."""
+        return self.p_value < SIGNIFICANT and self.share > NOTICEABLE and self.of_force > TOLERANCE
 
 
 _LOOK_FOR = {
@@ -64,11 +70,17 @@ def dependences(
     found = [*_periodic(predictions, teeth, orders, band), _slow(predictions, band)]
     found += [_memory(predictions, orders, band), _axes(predictions, band)]
     found += _across(dataset, predictions)
-    return tuple(sorted(found, key=lambda each: (each.p_value, -each.share)))
+    left, force = (
+        sum(float(np.sum(getattr(p, name) ** 2)) for p in predictions)
+        for name in ("residual_n", "measured_n")
+    )
+    ratio = left / max(force, 1e-300)
+    told = [replace(each, of_force=float(np.sqrt(each.share * ratio))) for each in found]
+    return tuple(sorted(told, key=lambda each: (each.p_value, -each.share)))
 
 
 def _entry(covariate: str, p_value: float, share: float) -> Dependence:
-    return Dependence(covariate, float(p_value), float(np.clip(share, 0.0, 1.0)), _LOOK_FOR[covariate])
+    return Dependence(covariate, float(p_value), float(np.clip(share, 0.0, 1.0)), 0.0, _LOOK_FOR[covariate])
 
 
 def _independent_share(dataset: Dataset, predictions: Sequence[Prediction]) -> float:
@@ -126,9 +138,12 @@ def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
 
 
 def _memory(predictions: Sequence[Prediction], orders: int, band: float) -> Dependence:
-    """Correlation, one independent sample apart, of what lies between the spindle's lines."""
+    """Correlation, about one independent sample apart, of what lies between the spindle's lines.
+
+    It is counted from that of white noise in the same band.
+    """
     lag = max(1, round(1.0 / band))
-    product, between, whole, count = 0.0, 0.0, 0.0, 0
+    product, between, whole, count, expected = 0.0, 0.0, 0.0, 0, 0.0
     for each in predictions:
         left = each.residual_n - each.residual_n.mean(axis=0)
         columns = basis(each.angle_rad, orders)
@@ -138,9 +153,18 @@ def _memory(predictions: Sequence[Prediction], orders: int, band: float) -> Depe
         between += float(np.sum(rest**2))
         whole += float(np.sum(left**2))
         count += int(3 * band * len(left))
-    correlation = product / max(between, 1e-300)
+        expected += _of_white_noise(left, lag) * float(np.sum(rest**2))
+    correlation = (product - expected) / max(between, 1e-300)
     share = correlation**2 * between / max(whole, 1e-300)
     return _entry("previous force", 2.0 * stats.norm.sf(abs(correlation) * np.sqrt(count)), share)
+
+
+def _of_white_noise(record: Array, lag: int) -> float:
+    """Correlation of white noise at `lag` samples, in the band that the record occupies."""
+    spectrum = np.sum(np.abs(np.fft.rfft(record, axis=0)) ** 2, axis=1)
+    heard = spectrum > 1e-9 * spectrum.max()
+    turn = 2.0 * np.pi * lag * np.arange(len(spectrum)) / len(record)
+    return float(np.sum(heard * np.cos(turn)) / np.sum(heard))
 
 
 def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
@@ -154,9 +178,10 @@ def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
 
 
 def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Dependence]:
-    """Size of each trial's residual, relative to its force, against the trial's conditions."""
+    """Size of each trial's residual against the trial's conditions; what all trials share goes with none."""
     trials = {trial.file: trial for trial in dataset.trials}
-    size = np.array([_relative(each) for each in predictions])
+    size = np.array([float(np.mean(each.residual_n**2)) for each in predictions])
+    varies = 1.0 - float(size.min()) / max(float(size.mean()), 1e-300)
     covariates = {
         "feed": [trials[p.file].feed_speed_m_s for p in predictions],
         "spindle speed": [trials[p.file].spindle_speed_rev_s for p in predictions],
@@ -171,12 +196,8 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Depende
         rank = stats.spearmanr(values, size).statistic
         shuffled = _shuffled_ranks(np.asarray(values), size)
         p_value = (1 + np.sum(np.abs(shuffled) >= abs(rank) - 1e-12)) / (1 + len(shuffled))
-        results.append(_entry(name, p_value, rank**2))
+        results.append(_entry(name, p_value, rank**2 * varies))
     return results
-
-
-def _relative(each: Prediction) -> float:
-    return float(np.sqrt(np.sum(each.residual_n**2) / max(float(np.sum(each.measured_n**2)), 1e-300)))
 
 
 def _shuffled_ranks(values: Array, size: Array) -> Array:

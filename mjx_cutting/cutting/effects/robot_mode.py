@@ -81,5 +81,9 @@ class RobotMode(AbstractEffect):
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
         return np.asarray(
-            [[0.5, np.log(f / 40.0), 0.0, a] for f in (12.0, 40.0, 120.0) for a in (0.3, 0.3 + np.pi / 2)]
+            [
+                [0.5, np.log(f / 40.0), 0.0, a]
+                for f in np.geomspace(8.0, 280.0, 12)
+                for a in (0.3, 0.3 + np.pi / 2)
+            ]
         )

@@ -63,4 +63,4 @@ class SensorResonance(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.log(np.asarray([[0.4, 0.5], [0.75, 0.5], [1.5, 0.5], [3.0, 0.5]]))
+        return np.log([[share, 0.5] for share in np.geomspace(0.3, 4.0, 9)])

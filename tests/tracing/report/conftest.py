@@ -62,8 +62,8 @@ def _make(
     after = tuple(_prediction(t.file, r, r["final"]) for t, r in zip(dataset.trials, records, strict=True))
     found = _search(lines.energy_n2, teeth, named)
     depends = (
-        Dependence("spindle order", 0.0, 0.9, "something once per revolution"),
-        Dependence("feed", 0.2, 0.4, "an edge law"),
+        Dependence("spindle order", 0.0, 0.9, 0.1, "something once per revolution"),
+        Dependence("feed", 0.2, 0.4, 0.1, "an edge law"),
     )
     left = (
         depends
