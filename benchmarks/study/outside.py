@@ -45,17 +45,18 @@ def gain(
         middle = np.exp(np.mean(np.log([each.speed_rev_s for each in session.cuts])))
         made *= (cut.speed_rev_s / middle) ** (-4.0 * drawn["speed_softening"]["size"])
     if "previous_force" in drawn and cut.kind == "cut":
-        size = np.linalg.norm(force, axis=1)
-        keep = np.exp(-1.0 / rate)
-        slow = np.empty(len(size))
-        total = np.cumsum(size)
-        window = int(rate)
-        behind = np.concatenate([np.zeros(window), total[:-window]]) if len(total) > window else 0.0 * total
-        slow = (total - behind) / np.minimum(np.arange(1, len(size) + 1), window)
-        lagged = np.concatenate([np.full(int(0.5 * rate), slow[0]), slow])[: len(slow)] * keep
         usual = 30.0 if session.design == "saw" else 300.0
-        made *= 1.0 + drawn["previous_force"]["size"] * np.tanh(lagged / usual - 0.5)
+        before = _mean_before(np.linalg.norm(force, axis=1), window=int(rate), late=int(0.5 * rate))
+        made *= 1.0 + drawn["previous_force"]["size"] * np.tanh(before / usual - 0.5)
     return made
+
+
+def _mean_before(size: Array, window: int, late: int) -> Array:
+    """[T] mean over the window that ended `late` samples ago; the start of the record where there is none."""
+    total = np.concatenate([[0.0], np.cumsum(size)])
+    now = np.maximum(np.arange(1, len(size) + 1) - late, 1)
+    then = np.maximum(now - window, 0)
+    return (total[now] - total[then]) / (now - then)
 
 
 def wander(work: Milling, drawn: dict[str, Params], index: int) -> None:
