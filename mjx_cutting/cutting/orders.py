@@ -22,8 +22,8 @@ from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect
 from mjx_cutting.cutting.model import ForceModel
 
-_NODES_PER_RADIAN = 0.4
-_FEWEST_NODES = 32
+_NODES_PER_RADIAN = 0.35
+_FEWEST_NODES = 20
 
 
 def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:

@@ -31,9 +31,10 @@ from mjx_cutting.tracing.problem import (
 )
 
 _COMPILER = {"xla_backend_optimization_level": 0}
-_ROWS = 24
+_ROWS = 8
 _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
+_FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
 Matrix = NDArray[np.floating]
 
@@ -114,6 +115,37 @@ class Descent:
         each = np.sum(reached**2, axis=1)
         best = int(np.argmin(each))
         return tries[0], (tries[best], reached[best], float(each[best]))
+
+    def descend_folds(self, x: Matrix, use: Matrix, steps: int) -> Matrix:
+        """[F, U] unknowns for every row of `use` [F, R], all from `x` [U], with the one Jacobian there.
+
+        What a fold leaves out moves the optimum little, so the slope at the common start serves them all.
+        """
+        everywhere, start = self.slope(x), self.rows(x[None]).left[0]
+        penalties = len(start) - self.measured
+        mask = np.repeat(use, self.measured // self.problem.trials, axis=1)
+        mask = np.concatenate([mask, np.ones((len(use), penalties))], axis=1)
+        normal = np.stack([(everywhere * row[:, None]).T @ everywhere for row in mask])
+        diagonal = np.diagonal(normal, axis1=1, axis2=2)
+        floor = 1e-9 * diagonal.sum(axis=1, keepdims=True) / len(x) + 1e-12
+        scale = (diagonal + floor)[:, :, None] * np.eye(len(x))
+        here, left = np.tile(x, (len(use), 1)), start * mask
+        squares = np.sum(left**2, axis=1)
+        for _ in range(steps):
+            gradient = left @ everywhere
+            damped = normal[:, None] + np.asarray(_FOLD_DAMPING)[:, None, None] * scale[:, None]
+            tries = here[:, None] - np.linalg.solve(damped, gradient[:, None, :, None])[..., 0]
+            reached = self.rows(tries.reshape(-1, len(x))).left.reshape(*tries.shape[:2], -1) * mask[:, None]
+            each = np.sum(reached**2, axis=2)
+            fold, best = np.arange(len(use)), np.argmin(each, axis=1)
+            lower = each[fold, best] < squares
+            gained = np.where(lower, squares - each[fold, best], 0.0)
+            here = np.where(lower[:, None], tries[fold, best], here)
+            left = np.where(lower[:, None], reached[fold, best], left)
+            squares = np.minimum(squares, each[fold, best])
+            if np.all(gained < _SETTLED * squares):
+                break
+        return here
 
     def fits(self, x: Matrix, use: Matrix) -> Fit:
         """The fits at unknowns `x` [F, U], each judged over the trials of its row of `use` [F, R]."""

@@ -77,7 +77,7 @@ def held_out(
 ) -> HeldOut:
     """Fit again without each fold, from the unknowns `x` [U] of a fit to all trials; score those left out."""
     use = (fold[None, :] != np.arange(fold.max() + 1)[:, None]).astype(float)
-    descent, start = Descent(problem, effects), np.asarray(x)
-    fits = descent.fits(np.stack([descent.descend(start, _STEPS, row)[0] for row in use]), use)
+    descent = Descent(problem, effects)
+    fits = descent.fits(descent.descend_folds(np.asarray(x), use, _STEPS), use)
     error = np.asarray(fits.error_n2)[fold, np.arange(problem.trials)]
     return HeldOut(error + lines.rest_n2, lines.energy_n2, fits, fold)

@@ -35,7 +35,7 @@ _PHASES = 1024
 _GAUSS_NEWTON = 4
 _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
-_ARC_STEP = np.pi / 8.0
+_ARC_STEP = np.pi / 32.0
 
 
 class Problem(eqx.Module):

@@ -63,4 +63,4 @@ class SensorResonance(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.log([[share, 0.5] for share in np.geomspace(0.3, 4.0, 9)])
+        return np.log([[share, 0.5] for share in np.geomspace(0.3, 3.5, 9)])
