@@ -8,6 +8,7 @@ thresholding (STLSQ, as PySINDy does). `neural`: a small network on the same inp
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -161,7 +162,9 @@ def neural(
     target = np.concatenate(seen)
     spread = target.std(0) + 1e-12
     network = MLPRegressor(hidden_layer_sizes=(32, 32), early_stopping=True, max_iter=80, random_state=0)
-    network.fit(np.concatenate(rows), target / spread)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # stopped at max_iter: this peer is given that much and no more
+        network.fit(np.concatenate(rows), target / spread)
     made = []
     for trial, p in zip(cuts(new), asked, strict=True):
         conditions = np.tile(scale.of(trial), (len(p.time_s), 1))
