@@ -15,13 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
-from mjx_cutting.tracing.lines import band_limit
 from mjx_cutting.trials.dataset import Trial
 
 Array = NDArray[np.floating]
@@ -51,19 +51,20 @@ class Course:
     band_hz: tuple[float, float]
 
     def own(self, columns: Array) -> Array:
-        """[T, 3, k] columns within the band, without what chip, edge and zero of this trial can imitate."""
-        heard = np.stack(
-            [band_limit(columns[..., i], self.rate_hz, self.band_hz) for i in range(columns.shape[-1])],
-            axis=-1,
+        """[T, 3, k] columns without what chip, edge and zero of this trial can imitate."""
+        flat = columns.reshape(-1, columns.shape[-1])
+        return (flat - self.same @ (self.same.T @ flat)).reshape(columns.shape)
+
+    @cached_property
+    def same(self) -> Array:
+        """[3 T, 5] orthonormal span of a change of the chip's force, of the edge's, of the three zeros."""
+        zero = np.zeros((*self.chip_n.shape, 3))
+        zero[:, range(3), range(3)] = 1.0
+        span = np.concatenate([self.chip_n[..., None], self.edge_n[..., None], zero], axis=-1).reshape(-1, 5)
+        left, size, _ = np.linalg.svd(
+            span / np.maximum(np.linalg.norm(span, axis=0), 1e-12), full_matrices=False
         )
-        one = np.zeros((*self.chip_n.shape, 3))
-        one[:, range(3), range(3)] = 1.0
-        same = np.concatenate([self.chip_n[..., None], self.edge_n[..., None], one], axis=-1).reshape(-1, 5)
-        flat = heard.reshape(same.shape[0], -1)
-        scale = np.maximum(np.linalg.norm(same, axis=0), 1e-12)
-        basis = same / scale
-        weights = np.linalg.lstsq(basis.T @ basis + 1e-10 * np.eye(5), basis.T @ flat, rcond=None)[0]
-        return (flat - basis @ weights).reshape(heard.shape)
+        return left * (size > 1e-6 * size[0])
 
 
 def along_path(trial: Trial) -> Array:
@@ -108,11 +109,11 @@ def _always(courses: Sequence[Course]) -> bool:
 
 
 def _wavelengths(courses: Sequence[Course]) -> Array:
-    """[P, 1] wavelengths from half the path down to 1 mm, as many as the positions at hand can tell apart."""
+    """[P, 1] wavelengths from a quarter of the path down to 1 mm, as many as the positions tell apart."""
     path = max(float(np.ptp(each.position_m)) for each in courses)
     span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
     samples_per_m = min(len(each.time_s) / max(float(np.ptp(each.position_m)), 1e-9) for each in courses)
-    waves = np.arange(2.0 / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
+    waves = np.arange(_FEWEST_WAVES / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
     return 1.0 / waves[:_MOST_SHAPES, None]
 
 
@@ -184,6 +185,7 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
 
 
 _MOST_SHAPES = 2000
+_FEWEST_WAVES = 4.0
 KINDS: tuple[Kind, ...] = (
     Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect),
     Kind("layered_material", _always, _layers, _layer, _layer_effect),
@@ -224,7 +226,9 @@ def sums(kind: Kind, courses: Sequence[Course], shapes: Array) -> Sums:
 
 
 def _of_one(course: Course, columns: Array) -> tuple[Array, Array]:
-    return np.einsum("tak,tal->akl", columns, columns), np.einsum("tak,ta->ak", columns, course.left_n)
+    by_axis = np.ascontiguousarray(np.moveaxis(columns, 1, 0))
+    turned = np.swapaxes(by_axis, 1, 2)
+    return turned @ by_axis, (turned @ course.left_n.T[..., None])[..., 0]
 
 
 def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:

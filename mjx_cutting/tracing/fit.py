@@ -84,7 +84,7 @@ def spread(problem: Problem, found: Fit) -> float:
 
 def lines_measured(problem: Problem) -> int:
     """Real numbers a fit is made to: present lines times axes, less the free biases."""
-    free = 0 if problem.shared_bias else 3 * problem.trials
+    free = int(np.sum(np.asarray(problem.bias_spread_n) > 0.0)) * problem.trials
     return 3 * int(np.asarray(problem.present).sum()) - free
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.spindle import spindle_angle, spindle_speed
 from mjx_cutting.trials.dataset import Dataset, Trial
 
@@ -105,8 +106,11 @@ def compress(dataset: Dataset, band_hz: tuple[float, float]) -> Lines:
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     if not trials:
         raise ValueError("the dataset has no cut trial; tracing needs at least one of kind 'cut'")
-    speeds = np.array([spindle_speed(trial, dataset.tool.teeth) for trial in trials])
-    orders = _highest_order(dataset, band_hz, float(speeds.min()))
+    if dataset.tool.kind in LEVEL_KINDS:
+        speeds, orders = np.array([trial.spindle_speed_rev_s for trial in trials]), 0
+    else:
+        speeds = np.array([spindle_speed(trial, dataset.tool.teeth) for trial in trials])
+        orders = _highest_order(dataset, band_hz, float(speeds.min()))
     parts = [
         _one(trial, speed, orders, dataset.sensor.sample_rate_hz, band_hz)
         for trial, speed in zip(trials, speeds, strict=True)
@@ -137,6 +141,9 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
     """Highest order that falls, or folds, into the band and passes the known anti-alias filter."""
     sensor = dataset.sensor
     wanted = max(_TOOTH_HARMONICS * dataset.tool.teeth, int(band_hz[1] / slowest_rev_s))
+    if sensor.anti_alias is not None:
+        audible_hz = sensor.anti_alias.hz * _INAUDIBLE ** (1.0 / sensor.anti_alias.order)
+        wanted = max(wanted, int(audible_hz / slowest_rev_s))
     order = np.arange(1, min(wanted, _MOST_ORDERS) + 1)
     frequency = order * slowest_rev_s
     heard = _folded(frequency, sensor.sample_rate_hz) <= band_hz[1] + _BESIDE * slowest_rev_s

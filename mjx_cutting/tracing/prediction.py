@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
+from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band
 from mjx_cutting.tracing.problem import Problem, Residual, model_lines, pose, residual_of
 from mjx_cutting.tracing.spindle import spindle_angle
@@ -63,8 +64,15 @@ def predict_trials(
         band_hz: band compared, Hz; default the anti-alias filter's corner or half the sampling rate.
     """
     with _platform.x64():
+        dataset = as_levels(dataset)
         lines = compress(dataset, trusted_band(dataset, band_hz))
-        return predictions(dataset, lines, pose(dataset, lines), model)
+        problem = pose(dataset, lines)
+        found = predictions(dataset, lines, problem, model)
+        if not problem.shared_bias:
+            return found
+        # a sensor zeroed once a session has one bias: the mean of what is left of all trials
+        bias = np.mean([each.residual_n.mean(axis=0) for each in found], axis=0)
+        return predictions(dataset, lines, problem, model, bias)
 
 
 def predictions(

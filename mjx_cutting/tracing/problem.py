@@ -23,6 +23,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
+from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.trials.dataset import Dataset, Trial
 
@@ -100,6 +101,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
     noise = lines.noise_std_n()
     shared = dataset.sensor.zeroed == "session"
+    known = shared or dataset.tool.kind in LEVEL_KINDS
     angles = dataset.tool.teeth * int(
         np.ceil(
             max(_FEWEST_ANGLES, _ANGLES_PER_ORDER * lines.orders, _ANGLES_PER_TOOTH * dataset.tool.teeth)
@@ -113,8 +115,8 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         factor=jnp.asarray(lines.factor),
         present=jnp.asarray(lines.present),
         gain=jnp.asarray(_filter_gain(dataset, lines) * _helix_gain(dataset, trials, lines.orders)),
-        weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * rms) ** 2)),
-        bias_spread_n=jnp.full(3, 0.0 if shared else _BIAS_SPREAD * rms),
+        weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * _rms_by_axis(dataset, lines, rms)) ** 2)),
+        bias_spread_n=jnp.full(3, 0.0 if known else _BIAS_SPREAD * rms),
         scale=jnp.asarray(
             _scale(trials, dataset.tool.teeth, dataset.tool.diameter_m, lines.speed_rev_s, rms)
         ),
@@ -203,6 +205,20 @@ def residual_of(problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 
     return residual_of_lines(problem, model_lines(problem, model), shared_bias_n)
 
 
+def _thrust_and_torque(model: ForceModel, cut: Cut) -> Array:
+    """[3] nothing, torque (N m) and thrust (N) of a drill, as `levels` orders them."""
+    thrust = model.sense(model.process_force(cut), cut)[2]
+    return jnp.stack([jnp.zeros_like(thrust), model.torque_z(cut), thrust])
+
+
+def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, Any]:
+    """[3] size of the force that a model error is counted from; torque and thrust differ in unit."""
+    if dataset.tool.kind != "drill":
+        return np.full(3, rms)
+    own = np.sqrt(lines.energy_n2.sum(axis=0) / lines.samples.sum())
+    return np.where(own > 0.0, own, rms)
+
+
 def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike = 0.0) -> Residual:
     """Residual of every trial against given lines [R, orders + 1, 3], N."""
     shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
@@ -216,6 +232,8 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     The tool is the problem's: straight teeth, since a helix only delays slices of the edge, which in the
     order domain is the exact factor (1 - exp(-i n lag)) / (i n lag) in `gain`.
     """
+    if problem.tool.kind == "drill":
+        return jax.vmap(partial(_thrust_and_torque, model))(problem.cut)[:, None] + 0j
     straight = ForceModel(problem.tool, model.material, model.effects)
     orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
     lines = jax.vmap(lambda cut: order_lines(straight, cut, orders, angles, arc_rad))(problem.cut)
@@ -260,8 +278,7 @@ def _solve_trial(
     projected = (remaining - jnp.outer(constant, keep * (constant @ remaining) / norm)) * weight
     slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
     projected = projected - slope * jnp.sum(slope * projected)
-    free = 0.0 if problem.shared_bias else 1.0
-    bias = free * (constant @ remaining) / norm
+    bias = jnp.where(spread > 0.0, (constant @ remaining) / norm, 0.0)
     return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
 
 

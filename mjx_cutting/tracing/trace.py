@@ -17,6 +17,7 @@ from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool, effect_class
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.heldout import HeldOut, folds
+from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.tracing.lines import Lines, compress, trusted_band
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
@@ -81,11 +82,12 @@ def trace(
         progress: told what is being tried.
 
     Raises:
-        ValueError: unknown effect, a tool tracing does not know, fewer than two cut trials, or an empty band.
+        ValueError: unknown effect, fewer than two cut trials, or an empty band.
     """
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
     steady = [kind for kind in kinds if kind.steady]
     _check(dataset)
+    dataset = as_levels(dataset)
     with _platform.x64():
         progress("reading the lines of every trial")
         lines = compress(dataset, trusted_band(dataset, band_hz))
@@ -129,10 +131,6 @@ def save(tracing: Tracing, out: Path) -> None:
 
 
 def _check(dataset: Dataset) -> None:
-    if dataset.tool.kind not in ("end_mill", "slitting_saw"):
-        raise ValueError(
-            f"tool kind is {dataset.tool.kind!r}; tracing knows 'end_mill' and 'slitting_saw' so far"
-        )
     cuts = sum(trial.kind == "cut" for trial in dataset.trials)
     if cuts < 2:
         raise ValueError(f"{cuts} cut trial; tracing holds out by trial and needs at least two")

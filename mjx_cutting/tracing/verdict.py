@@ -13,6 +13,7 @@ from mjx_cutting.tracing.course import KINDS
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.search import Round, Search, parameters
 from mjx_cutting.tracing.slow import SlowRound
@@ -92,9 +93,17 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
         if absent:
             missing.append({"name": name, "needs": ", ".join(absent)})
+        elif dataset.tool.kind in LEVEL_KINDS and not _shows_in_levels(effect_class(name)):
+            missing.append({"name": name, "needs": "a cutter whose force changes over a turn"})
         elif not effect_class(name).steady and name not in slow:
             missing.append({"name": name, "needs": "a fit to the whole record, which tracing does not make"})
     return missing
+
+
+def _shows_in_levels(kind: type[AbstractEffect]) -> bool:
+    """Whether an effect changes the level of a tool that is always engaged; one in the lines does not."""
+    in_lines = kind.transfer is not AbstractEffect.transfer
+    return kind.steady and kind.stage in ("edge", "sensor") and not in_lines
 
 
 def testable(dataset: Dataset) -> list[type[AbstractEffect]]:

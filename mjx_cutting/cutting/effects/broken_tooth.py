@@ -57,9 +57,7 @@ class BrokenTooth(AbstractEffect):
         left_over = jnp.roll(broken, 1)
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None] / teeth
         more = feed_m * jnp.maximum(jnp.sin(chip.angle_rad), 0.0) * left_over
-        return chip._replace(
-            thickness_m=chip.thickness_m * (1.0 - broken) + more, contact=chip.contact * (1.0 - broken)
-        )
+        return chip._replace(thickness_m=chip.thickness_m + more, contact=chip.contact * (1.0 - broken))
 
     @classmethod
     def size(cls, tool: Tool) -> int:
@@ -71,4 +69,4 @@ class BrokenTooth(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.2], [0.9]])[:, : cls.size(tool)]
+        return np.asarray([[0.6], [0.95]])[:, : cls.size(tool)]
