@@ -1,0 +1,87 @@
+"""Effects along a trial are found where they are, and a gain that only wanders is given no name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing.course import Course
+from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.slow import search_slow
+
+RATE_HZ, SECONDS, TRIALS = 500.0, 4.0, 6
+FEEDS = (0.008, 0.010, 0.0125, 0.015, 0.018, 0.02)
+NOISE_N = 0.1
+
+
+def _trials(gain) -> tuple[tuple[Course, ...], HeldOut]:
+    """Six cuts whose chip force is multiplied by 1 + gain(position, trial)."""
+    found, error, energy = [], [], []
+    time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
+    for index, feed in enumerate(FEEDS):
+        generator = np.random.default_rng(index)
+        position = feed * time
+        teeth = np.cos(2 * np.pi * 80.0 * time + index)[:, None]
+        chip = (1.0 + 0.5 * teeth) * np.array([3.0, 5.0, 1.0])
+        edge = np.full_like(chip, 2.0)
+        left = chip * gain(position, index)[:, None] + NOISE_N * generator.normal(size=chip.shape)
+        found.append(
+            Course(time, time, position, None, chip, edge, left - left.mean(axis=0), RATE_HZ, (0.0, 200.0))
+        )
+        error.append(np.sum(found[-1].left_n ** 2, axis=0))
+        energy.append(np.sum((chip + edge + left) ** 2, axis=0))
+    return tuple(found), HeldOut(np.stack(error), np.stack(energy), None, np.arange(TRIALS))
+
+
+def _named(gain):
+    trials, before = _trials(gain)
+    rounds = search_slow(trials, before, np.full(3, 1.0 / NOISE_N))
+    return [each.accepted for each in rounds if each.accepted is not None], rounds
+
+
+def test_a_periodic_material_is_named_with_its_size():
+    (found, *more), _ = _named(lambda s, i: 0.3 * np.cos(2 * np.pi * s / 6e-3 + 0.5))
+    assert found.kind.name == "material_periodicity" and not more
+    values = found.effect.values()
+    assert values["amplitude"] == pytest.approx(0.3, rel=0.03)
+    assert values["wavelength_m"] == pytest.approx(6e-3, rel=0.003)
+    assert values["phase_rad"] == pytest.approx(0.5, abs=0.1)
+    assert found.heldout.nrmse == pytest.approx(NOISE_N * np.sqrt(3 / np.mean(
+        [np.sum(e) / (RATE_HZ * SECONDS) for e in found.heldout.energy_n2])), rel=0.05)  # fmt: skip
+
+
+def test_a_layer_is_named_with_its_place():
+    trials = _trials(lambda s, i: 0.0 * s)[0]
+    inside = lambda s: (s > 0.01) & (s < 0.018)  # noqa: E731
+    added = [0.4 * inside(each.position_m)[:, None] * (each.chip_n + each.edge_n) for each in trials]
+    left = [each.left_n + more - more.mean(axis=0) for each, more in zip(trials, added, strict=True)]
+    made = tuple(
+        Course(t.time_s, t.clock_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
+        for t, one in zip(trials, left, strict=True)
+    )
+    error = np.stack([np.sum(one**2, axis=0) for one in left])
+    before = HeldOut(error, 20.0 * error + 1e4, None, np.arange(TRIALS))
+    rounds = search_slow(made, before, np.full(3, 1.0 / NOISE_N))
+    found = rounds[0].accepted
+    assert found is not None and found.kind.name == "layered_material"
+    values = found.effect.values()
+    assert values["start_m"] == pytest.approx(0.01, abs=5e-4)
+    assert values["length_m"] == pytest.approx(0.008, abs=1e-3)
+    assert values["change"] == pytest.approx(0.4, rel=0.1)
+
+
+def test_noise_is_given_no_name():
+    assert _named(lambda s, i: 0.0 * s)[0] == []
+
+
+def test_a_gain_that_wanders_in_every_trial_anew_is_given_no_name():
+    def wander(position, index):
+        steps = np.random.default_rng(50 + index).normal(size=len(position))
+        return 0.01 * np.cumsum(steps) / np.sqrt(5.0)
+
+    assert _named(wander)[0] == []
+
+
+def test_a_smooth_dependence_on_position_is_not_called_periodic():
+    found, _ = _named(lambda s, i: 0.3 * np.exp(-0.5 * ((s - 0.02) / 0.006) ** 2))
+    assert [each.kind.name for each in found] != ["material_periodicity"]
