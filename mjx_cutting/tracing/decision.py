@@ -109,8 +109,9 @@ def interval(
         values = value + np.angle(np.exp(1j * (values - value)))
     spread = np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
     error = np.maximum(spread, laplace)
-    # what the trials do not move at all says nothing, unless nothing moves
-    tooth = int(np.argmax(np.where((error > 0.0) | (error.max() == 0.0), np.abs(value), -1.0)))
+    # the surest entry; what the trials do not move at all says nothing, unless nothing moves
+    sure = np.abs(value) / np.maximum(error, 1e-9 * np.abs(value) + 1e-300)
+    tooth = int(np.argmax(np.where(error > 0.0, sure, -1.0) if error.max() > 0.0 else np.abs(value)))
     half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * error[tooth])
     return Interval(float(value[tooth]), float(value[tooth]) - half, float(value[tooth]) + half, unit)
 
