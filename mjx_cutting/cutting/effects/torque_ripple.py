@@ -61,7 +61,9 @@ class TorqueRipple(AbstractEffect):
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         pitch = 2.0 * jnp.pi / model.tool.teeth
-        angle = chip.angle_rad + edge_lags(model.cutter(), cut, model.tool)[0]
+        cutter = model.cutter()
+        milling = model.tool.kind in ("end_mill", "slitting_saw")
+        angle = chip.angle_rad + (edge_lags(cutter, cut, model.tool)[0] if milling else cutter.lag_rad)
         gained = self.ahead(angle) - self.ahead(angle - pitch)
         return chip._replace(thickness_m=chip.thickness_m * (1.0 - gained / pitch))
 
