@@ -6,9 +6,8 @@ frequency), linear in a few coefficients c:
 
     measured - predicted = X_p(t) c + noise,      X_p for instance  chip wave x cos(2 pi s / wavelength)
 
-Whatever a change of the whole trial's chip, edge or zero could imitate is first taken out of X_p. Per trial
-and shape only X^T X and X^T e are kept, so that fits to any set of trials, and errors on the others, are sums
-of small matrices: the shape is searched over a grid and each fold of the held-out error searches its own.
+Whatever a change of the whole trial's chip, edge or zero could imitate is first taken out of X_p. The fits
+are in `shapes`.
 """
 
 from __future__ import annotations
@@ -90,6 +89,8 @@ class Kind:
         grid: shapes [P, d] worth trying on these trials.
         columns: [T, 3, k] what one shape adds for each unit coefficient.
         build: the effect from a shape [d] and coefficients [k].
+        own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
+            the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
     """
 
     name: str
@@ -97,6 +98,7 @@ class Kind:
     grid: Callable[[Sequence[Course]], Array]
     columns: Callable[[Course, Array], Array]
     build: Callable[[Array, Array], AbstractEffect]
+    own_phase: bool = False
 
     @property
     def effect(self) -> type[AbstractEffect]:
@@ -151,8 +153,11 @@ def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
 
 
 def _mains(courses: Sequence[Course]) -> Array:
-    top = courses[0].band_hz[1]
-    return np.asarray([[f * n] for f in (50.0, 60.0) for n in (1, 2, 3) if f * n < top] or [[50.0]])
+    """[P, 1] the mains and two harmonics, as far as they stray, as finely as the longest trial can tell."""
+    top, longest = courses[0].band_hz[1], max(float(each.time_s[-1]) for each in courses)
+    stray = np.arange(-_MAINS_STRAY_HZ, _MAINS_STRAY_HZ + 1e-9, min(0.125 / longest, _MAINS_STRAY_HZ))
+    lines = [(f + off) * n for f in (50.0, 60.0) for n in (1, 2, 3) for off in stray]
+    return np.asarray([[line] for line in lines if line < top])
 
 
 def _mains_columns(course: Course, shape: Array) -> Array:
@@ -186,6 +191,7 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
 
 _MOST_SHAPES = 2000
 _FEWEST_WAVES = 4.0
+_MAINS_STRAY_HZ = 0.06
 KINDS: tuple[Kind, ...] = (
     Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect),
     Kind("layered_material", _always, _layers, _layer, _layer_effect),
@@ -195,6 +201,7 @@ KINDS: tuple[Kind, ...] = (
         _mains,
         _mains_columns,
         _mains_effect,
+        own_phase=True,
     ),
     Kind(
         "command_stair",
@@ -205,75 +212,6 @@ KINDS: tuple[Kind, ...] = (
     ),
 )
 """Slow effects that tracing looks for by itself."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sums:
-    """X^T X [R, P, 3, k, k] and X^T e [R, P, 3, k] by trial, shape and axis."""
-
-    square: Array
-    product: Array
-
-
-def sums(kind: Kind, courses: Sequence[Course], shapes: Array) -> Sums:
-    """Sufficient statistics of a kind of effect over shapes [P, d]."""
-    squares, products = [], []
-    for course in courses:
-        each = [_of_one(course, course.own(kind.columns(course, shape))) for shape in shapes]
-        squares.append(np.stack([square for square, _ in each]))
-        products.append(np.stack([product for _, product in each]))
-    return Sums(np.stack(squares), np.stack(products))
-
-
-def _of_one(course: Course, columns: Array) -> tuple[Array, Array]:
-    by_axis = np.ascontiguousarray(np.moveaxis(columns, 1, 0))
-    turned = np.swapaxes(by_axis, 1, 2)
-    return turned @ by_axis, (turned @ course.left_n.T[..., None])[..., 0]
-
-
-def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:
-    """Best shape, its coefficients [k], and the fall [P] of the weighted squared error at every shape.
-
-    Arguments:
-        use: [R] 1 for trials fitted to.
-        weight: [3] 1 / standard deviation of each axis.
-    """
-    square = np.einsum("rpakl,r,a->pkl", found.square, use, weight**2)
-    product = np.einsum("rpak,r,a->pk", found.product, use, weight**2)
-    trace = np.trace(square, axis1=1, axis2=2)[:, None, None]
-    ridge = (1e-9 * trace + 1e-30) * np.eye(square.shape[-1])
-    coefficients = np.linalg.solve(square + ridge, product[..., None])[..., 0]
-    fall = np.einsum("pk,pk->p", coefficients, product)
-    best = int(np.argmax(fall))
-    return best, coefficients[best], fall
-
-
-def error_change(found: Sums, shape: int, coefficients: Array) -> Array:
-    """[R, 3] change of each trial's squared error, N^2, when `shape` with `coefficients` is added."""
-    square = np.einsum("rakl,k,l->ra", found.square[:, shape], coefficients, coefficients)
-    return square - 2.0 * np.einsum("rak,k->ra", found.product[:, shape], coefficients)
-
-
-def refined(kind: Kind, courses: Sequence[Course], shapes: Array, best: int) -> Array:
-    """[P, d] shapes around the best, closer together than in the grid."""
-    here = shapes[best]
-    if kind.name == "material_periodicity":
-        waves = 1.0 / shapes[:, 0]
-        step = abs(waves[1] - waves[0]) if len(waves) > 1 else 1.0
-        return 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)[:, None]
-    if kind.name == "layered_material":
-        step = float(np.min(np.diff(np.unique(shapes[:, 0])))) if len(shapes) > 1 else 1e-3
-        shift = step * np.linspace(-1.0, 1.0, 13)
-        ends = here[0] + here[1]
-        return np.asarray(
-            [
-                (here[0] + a, ends + b - here[0] - a)
-                for a in shift
-                for b in shift
-                if ends + b - here[0] - a > 0.2 * step
-            ]
-        )
-    return here[None]
 
 
 def as_values(effect: AbstractEffect) -> dict[str, Any]:

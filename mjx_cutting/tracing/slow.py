@@ -16,23 +16,21 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
-from mjx_cutting.tracing.course import (
-    KINDS,
-    Course,
-    Kind,
-    Sums,
-    along_path,
-    as_values,
-    error_change,
-    refined,
-    solve,
-    sums,
-)
+from mjx_cutting.tracing.course import KINDS, Course, Kind, along_path, as_values
 from mjx_cutting.tracing.decision import Decision, Interval, decide, gain_over_trials, interval
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.prediction import Prediction, wave
 from mjx_cutting.tracing.problem import Problem, model_lines
+from mjx_cutting.tracing.shapes import (
+    Sums,
+    error_change,
+    phases,
+    refined,
+    solve,
+    solve_in_phase,
+    sums,
+)
 from mjx_cutting.trials.dataset import Dataset
 
 MOST_SLOW = 3
@@ -161,14 +159,15 @@ def _try(
         np.concatenate([coarse.square, close.square], axis=1),
         np.concatenate([coarse.product, close.product], axis=1),
     )
-    best, c, _ = solve(found, everyone, weight)
+    best, c = _fit(kind, found, everyone, weight)
     effect = kind.build(shapes[best], c)
     error = np.zeros_like(before.error_n2)
     by_fold = []
     for fold in range(int(before.fold.max()) + 1):
-        shape, own, _ = solve(found, (before.fold != fold).astype(float), weight)
+        shape, own = _fit(kind, found, (before.fold != fold).astype(float), weight)
         held = before.fold == fold
-        error[held] = (before.error_n2 + error_change(found, shape, own))[held]
+        change = error_change(found, shape, _in_each(kind, found, shape, own, weight))
+        error[held] = (before.error_n2 + change)[held]
         by_fold.append(as_values(kind.build(shapes[shape], own)))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
     gain, spread = gain_over_trials(before, after)
@@ -180,8 +179,26 @@ def _try(
         ratio = free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
         decision = replace(decision, accepted=False, reasons=(why,))
-    added = tuple(each.own(kind.columns(each, shapes[best])) @ c for each in trials)
+    own_c = _in_each(kind, found, best, c, weight)
+    added = tuple(
+        each.own(kind.columns(each, shapes[best])) @ one for each, one in zip(trials, own_c, strict=True)
+    )
     return SlowCandidate(kind.effect, effect, after, decision, added)
+
+
+def _fit(kind: Kind, found: Sums, use: Array, weight: Array) -> tuple[int, Array]:
+    """Best shape and coefficients [k] over the trials used."""
+    if kind.own_phase:
+        return solve_in_phase(found, use, weight)
+    best, c, _ = solve(found, use, weight)
+    return best, c
+
+
+def _in_each(kind: Kind, found: Sums, shape: int, c: Array, weight: Array) -> Array:
+    """[R, k] coefficients in every trial, its own phase fitted on it where the effect has one."""
+    if kind.own_phase:
+        return phases(found, shape, c, weight) @ c
+    return np.tile(c, (len(found.product), 1))
 
 
 _IN_POSITION = ("material_periodicity", "layered_material")

@@ -85,3 +85,25 @@ def test_a_gain_that_wanders_in_every_trial_anew_is_given_no_name():
 def test_a_smooth_dependence_on_position_is_not_called_periodic():
     found, _ = _named(lambda s, i: 0.3 * np.exp(-0.5 * ((s - 0.02) / 0.006) ** 2))
     assert [each.kind.name for each in found] != ["material_periodicity"]
+
+
+def test_mains_is_named_whatever_phase_each_trial_starts_at():
+    trials, _ = _trials(lambda s, i: 0.0 * s)
+    hum = np.array([0.3, 0.2, 0.25])
+    lag = np.array([0.0, 1.0, -2.0])
+    left = [
+        each.left_n + hum * np.cos(2 * np.pi * 50.02 * each.time_s[:, None] + 1.7 * index + lag)
+        for index, each in enumerate(trials)
+    ]
+    made = tuple(
+        Course(t.time_s, t.clock_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
+        for t, one in zip(trials, left, strict=True)
+    )
+    error = np.stack([np.sum(one**2, axis=0) for one in left])
+    before = HeldOut(error, 20.0 * error, None, np.arange(TRIALS))
+    found = search_slow(made, before, np.full(3, 1.0 / NOISE_N))[0].accepted
+    assert found is not None and found.kind.name == "mains_pickup"
+    values = found.effect.values()
+    np.testing.assert_allclose(values["amplitude_n"], hum, atol=0.01)
+    np.testing.assert_allclose(np.diff(values["phase_rad"]), np.diff(lag), atol=0.1)
+    assert values["frequency_hz"] == pytest.approx(50.02, abs=0.02)
