@@ -165,6 +165,12 @@ def _pictures(tracing: Tracing) -> dict[str, Picture | None]:
             "figure.",
         ),
     }
+    drawn["isolability"] = (
+        figures.isolability_figure(tracing),
+        "How alike the marks of two effects are on these trials, after the base model was fitted again with "
+        "each; the number behind a name is the part of its mark that survives that. A pair near 1 cannot be "
+        "told apart by these trials, an effect near 0 cannot be shown by them.",
+    )
     return {
         name: None if drawing is None else Picture.of(drawing, text)
         for name, (drawing, text) in drawn.items()

@@ -6,7 +6,7 @@ are sums of small matrices: the shape is searched over the whole grid, and each 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,11 +27,11 @@ class Sums:
     product: Array
 
 
-def sums(kind: Kind, courses: Sequence[Course], shapes: Array) -> Sums:
-    """Sufficient statistics of a kind of effect over shapes [P, d]."""
+def sums(columns: Callable[[Course, Array], Array], courses: Sequence[Course], shapes: Array) -> Sums:
+    """Sufficient statistics of `columns`, [T, 3, k] at one shape, over shapes [P, d]."""
     squares, products = [], []
     for course in courses:
-        each = [_of_one(course, course.own(kind.columns(course, shape))) for shape in shapes]
+        each = [_of_one(course, course.own(columns(course, shape))) for shape in shapes]
         squares.append(np.stack([square for square, _ in each]))
         products.append(np.stack([product for _, product in each]))
     return Sums(np.stack(squares), np.stack(products))

@@ -151,9 +151,9 @@ def _try(
 ) -> SlowCandidate:
     shapes = kind.grid(trials)
     everyone = np.ones(len(trials))
-    coarse = sums(kind, trials, shapes)
+    coarse = sums(kind.columns, trials, shapes)
     near = refined(kind, trials, shapes, solve(coarse, everyone, weight)[0])
-    close = sums(kind, trials, near)
+    close = sums(kind.columns, trials, near)
     shapes = np.concatenate([shapes, near])
     found = Sums(
         np.concatenate([coarse.square, close.square], axis=1),
@@ -224,8 +224,7 @@ def _free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) 
         share = np.clip(1.0 - np.abs(course.position_m[:, None] - knots) / width, 0.0, 1.0)
         return (course.chip_n + course.edge_n)[..., None] * share[:, None, :]
 
-    kind = Kind("", lambda _: True, lambda _: np.zeros((1, 1)), hats, lambda shape, c: None)  # type: ignore[arg-type,return-value]
-    found = sums(kind, trials, np.zeros((1, 1)))
+    found = sums(hats, trials, np.zeros((1, 1)))
     fall = 0.0
     for fold in range(int(before.fold.max()) + 1):
         _, c, _ = solve(found, (before.fold != fold).astype(float), weight)

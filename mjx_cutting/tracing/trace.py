@@ -17,6 +17,7 @@ from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool, effect_class
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.heldout import HeldOut, folds
+from mjx_cutting.tracing.isolability import isolability
 from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.tracing.lines import Lines, compress, trusted_band
 from mjx_cutting.tracing.prediction import Prediction, predictions
@@ -120,7 +121,7 @@ def trace(
 
 
 def save(tracing: Tracing, out: Path) -> None:
-    """Write verdict.json, model.json and report.html into the folder `out`."""
+    """Write verdict.json, model.json, report.html and isolability.json into the folder `out`."""
     from mjx_cutting.tracing.report import render
 
     page = render(tracing)
@@ -128,6 +129,9 @@ def save(tracing: Tracing, out: Path) -> None:
     write_atomic(out / "verdict.json", json.dumps(tracing.verdict, indent=2, allow_nan=False) + "\n")
     write_atomic(out / "model.json", json.dumps(tracing.model.to_dict(), indent=2, allow_nan=False) + "\n")
     write_atomic(out / "report.html", page)
+    found = isolability(tracing.search)
+    if found is not None:
+        write_atomic(out / "isolability.json", json.dumps(found.to_dict(), indent=2) + "\n")
 
 
 def _check(dataset: Dataset) -> None:

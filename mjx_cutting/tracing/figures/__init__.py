@@ -1,6 +1,7 @@
 """Figures of the tracing report, one file each; a function returns None where there is nothing to show."""
 
 from mjx_cutting.tracing.figures.intervals import intervals_figure
+from mjx_cutting.tracing.figures.isolability import isolability_figure
 from mjx_cutting.tracing.figures.revolution import revolution_figure
 from mjx_cutting.tracing.figures.spectrum import spectrum_figure
 from mjx_cutting.tracing.figures.telling import telling_figure
@@ -8,6 +9,7 @@ from mjx_cutting.tracing.figures.trials import trials_figure
 
 __all__ = [
     "intervals_figure",
+    "isolability_figure",
     "revolution_figure",
     "spectrum_figure",
     "telling_figure",
