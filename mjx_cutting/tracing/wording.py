@@ -147,7 +147,8 @@ def _floor(verdict: dict[str, Any]) -> str:
 
 def _tried(tracing: Tracing, one_does: str, it_does: str) -> str:
     """What the effects that were tried do not do, in words, however many they were."""
-    count = len(tracing.search.rounds[0].screened) if tracing.search.rounds else 0
+    first = tracing.search.rounds[0] if tracing.search.rounds else None
+    count = 0 if first is None else max(len(first.screened), len(first.candidates))
     if count == 0:
         return "no known effect could be tried"
     if count == 1:

@@ -93,9 +93,8 @@ def _sizes(page: Page) -> list[tuple[int, int]]:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves the drawing out where only words are looked at."""
-    drawn = {
-        name: Picture(b"drawn", name) for name in ("revolution", "spectrum", "trials", "telling", "intervals")
-    }
+    names = ("revolution", "spectrum", "trials", "telling", "isolability", "intervals")
+    drawn = {name: Picture(b"drawn", name) for name in names}
     monkeypatch.setattr(report, "_pictures", lambda tracing: drawn)
 
 
