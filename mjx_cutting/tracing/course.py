@@ -31,7 +31,7 @@ class Course:
     """One trial as the slow effects see it.
 
     Fields:
-        time_s: [T] from its start; clock_s: [T] since the sensor was zeroed.
+        time_s: [T] from its start.
         position_m: [T] along the path, measured or from the feed.
         feed_share: [T] measured feed over nominal, less one, held at no period; None where not measured.
         chip_n, edge_n: [T, 3] waves of the chip and the edge, N.
@@ -40,7 +40,6 @@ class Course:
     """
 
     time_s: Array
-    clock_s: Array
     position_m: Array
     feed_share: Array | None
     chip_n: Array

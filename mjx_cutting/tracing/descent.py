@@ -65,8 +65,8 @@ class Descent:
         """Rows of a residual that are measurements; penalties follow them."""
         return int(np.prod(self.problem.whitened.shape))
 
-    def rows(self, x: Matrix, use: Matrix | None = None) -> Rows:
-        """Residuals at `x` [n, U]; trials with `use` [R] zero do not count in `left`."""
+    def rows(self, x: Matrix) -> Rows:
+        """Residuals at `x` [n, U]."""
         phase = jnp.broadcast_to(jnp.asarray(self.phase_rad), (self.problem.trials,))
         parts = []
         for first in range(0, len(x), _ROWS):
@@ -74,26 +74,24 @@ class Descent:
             lines, bias, outside = _lines(self.problem, jnp.asarray(chosen), self.effects)
             parts.append([*map(np.asarray, _compare(self.problem, lines, bias, phase)), np.asarray(outside)])
         weighted, mark, error, outside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
-        if use is not None:
-            weighted = weighted * use[:, None, None]
         left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
         left = np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9)
         return Rows(left, mark.reshape(len(x), -1), error)
 
-    def slope(self, x: Matrix, use: Matrix | None = None) -> Matrix:
+    def slope(self, x: Matrix) -> Matrix:
         """[M + B, U] Jacobian at `x` [U] by forward differences."""
-        left = self.rows(np.concatenate([x[None], x + _STEP * np.eye(len(x))]), use).left
+        left = self.rows(np.concatenate([x[None], x + _STEP * np.eye(len(x))])).left
         return np.transpose(left[1:] - left[0]) / _STEP
 
-    def descend(self, x: Matrix, steps: int, use: Matrix | None = None) -> tuple[Matrix, float]:
+    def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
         """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""
-        left = self.rows(x[None], use).left[0]
+        left = self.rows(x[None]).left[0]
         squares = float(left @ left)
         for _ in range(steps):
-            bold, after = self._step(x, left, use)
+            bold, after = self._step(x, left)
             if not after[2] < (1.0 - _SETTLED) * squares:
                 # the boldest step may have crossed a bound that its linear model did not see: come back
-                beyond = self._step(bold, self.rows(bold[None], use).left[0], use)[1]
+                beyond = self._step(bold, self.rows(bold[None]).left[0])[1]
                 after = min(after, beyond, key=lambda each: each[2])
             if not after[2] < squares:
                 break
@@ -103,15 +101,13 @@ class Descent:
                 break
         return x, squares
 
-    def _step(
-        self, x: Matrix, left: Matrix, use: Matrix | None
-    ) -> tuple[Matrix, tuple[Matrix, Matrix, float]]:
+    def _step(self, x: Matrix, left: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix, float]]:
         """The boldest damped step from `x`; where the best one leads, its residual, its sum of squares."""
-        slope = self.slope(x, use)
+        slope = self.slope(x)
         normal, gradient = slope.T @ slope, slope.T @ left
         scale = np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(x) + 1e-12)
         tries = np.stack([x - np.linalg.solve(normal + damping * scale, gradient) for damping in _DAMPING])
-        reached = self.rows(tries, use).left
+        reached = self.rows(tries).left
         each = np.sum(reached**2, axis=1)
         best = int(np.argmin(each))
         return tries[0], (tries[best], reached[best], float(each[best]))

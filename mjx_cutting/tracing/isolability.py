@@ -24,14 +24,6 @@ class Isolability:
     survival: NDArray[np.floating]
     cosine: NDArray[np.floating]
 
-    def nearest(self, name: str) -> tuple[str, float] | None:
-        """The effect most like `name` on these trials, and the cosine; None where there is no other."""
-        if name not in self.names or len(self.names) < 2:
-            return None
-        index = self.names.index(name)
-        others = np.where(np.arange(len(self.names)) == index, -1.0, self.cosine[index])
-        return self.names[int(np.argmax(others))], float(others.max())
-
     def to_dict(self) -> dict[str, Any]:
         """A plain dictionary, ready for a JSON file."""
         return {

@@ -86,7 +86,6 @@ def courses(
         found.append(
             Course(
                 time_s=each.time_s,
-                clock_s=trial.clock_start_s + each.time_s,
                 position_m=along_path(trial),
                 feed_share=None if measured is None else measured / trial.feed_speed_m_s - 1.0,
                 chip_n=chip_n,

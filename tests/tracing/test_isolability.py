@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.isolability import isolability
@@ -29,8 +28,6 @@ def test_names_are_in_order_and_cosines_have_no_sign():
     )
     assert found.names == ("flank_wear", "radial_runout", "unequal_pitch")
     np.testing.assert_allclose(found.cosine[0], [1.0, 0.8, 0.6])
-    assert found.nearest("flank_wear") == ("radial_runout", pytest.approx(0.8))
-    assert found.nearest("size_effect") is None
     assert found.to_dict()["survival"] == [0.4, 0.8, 0.9]
 
 

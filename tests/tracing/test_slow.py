@@ -26,7 +26,7 @@ def _trials(gain) -> tuple[tuple[Course, ...], HeldOut]:
         edge = np.full_like(chip, 2.0)
         left = chip * gain(position, index)[:, None] + NOISE_N * generator.normal(size=chip.shape)
         found.append(
-            Course(time, time, position, None, chip, edge, left - left.mean(axis=0), RATE_HZ, (0.0, 200.0))
+            Course(time, position, None, chip, edge, left - left.mean(axis=0), RATE_HZ, (0.0, 200.0))
         )
         error.append(np.sum(found[-1].left_n ** 2, axis=0))
         energy.append(np.sum((chip + edge + left) ** 2, axis=0))
@@ -56,7 +56,7 @@ def test_a_layer_is_named_with_its_place():
     added = [0.4 * inside(each.position_m)[:, None] * (each.chip_n + each.edge_n) for each in trials]
     left = [each.left_n + more - more.mean(axis=0) for each, more in zip(trials, added, strict=True)]
     made = tuple(
-        Course(t.time_s, t.clock_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
+        Course(t.time_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
         for t, one in zip(trials, left, strict=True)
     )
     error = np.stack([np.sum(one**2, axis=0) for one in left])
@@ -96,7 +96,7 @@ def test_mains_is_named_whatever_phase_each_trial_starts_at():
         for index, each in enumerate(trials)
     ]
     made = tuple(
-        Course(t.time_s, t.clock_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
+        Course(t.time_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
         for t, one in zip(trials, left, strict=True)
     )
     error = np.stack([np.sum(one**2, axis=0) for one in left])
