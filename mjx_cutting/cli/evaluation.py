@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,7 +34,12 @@ class Evaluate(EvaluateConfig):
         """Prints the mean of each measure by domain and strategy."""
         from mjx_cutting.evaluation.evaluate import evaluate
 
-        folder = evaluate(self)
+        cell = None
+        if "cell" in self.domains:
+            from mjx_cutting.loop.cell_domain import cell_domain
+
+            cell = cell_domain(self.effects, self.cuts, self.seed, lambda line: print(line, file=sys.stderr))
+        folder = evaluate(self, cell)
         _show(json.loads((folder / "evaluation.json").read_text()))
         print(f"evaluated: {folder}")
 

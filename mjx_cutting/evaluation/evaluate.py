@@ -5,7 +5,8 @@
     OUT/reward.png, terms_<domain>.png, over_time_<domain>.png
 
 The domain "source" is the simulation without a disturbance, "surrogate" with one. Every strategy faces the
-same episodes in both.
+same episodes in both. A domain outside the simulation, as the virtual cell is, is handed in by who calls:
+this room knows the controllers and what comes back, not what serves them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import dataclasses
 import io
 import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -31,6 +32,17 @@ from mjx_cutting.learning.train import as_path, from_stored, stored_config
 from mjx_cutting.sim.baseline import baseline_action
 from mjx_cutting.sim.config import EnvConfig
 
+Domain = Callable[[EnvConfig, Mapping[str, controllers.Controller]], dict[str, rollouts.Rollouts]]
+"""A domain outside the simulation: settings of the simulation and controllers by name to their rollouts."""
+
+DOMAINS = {
+    "source": ("source",),
+    "surrogate": ("surrogate",),
+    "both": ("source", "surrogate"),
+    "cell": ("cell",),
+    "all": ("source", "surrogate", "cell"),
+}
+
 
 @dataclass(frozen=True)
 class EvaluateConfig:
@@ -40,11 +52,14 @@ class EvaluateConfig:
         policies: run folders (or policy files); the first is the reference of sensitivity, usually the
             expert.
         names: of the strategies, one a policy; default: from each policy's provenance.
-        domain: "source", "surrogate" or "both"; "surrogate" needs gp.
+        domain: "source", "surrogate" (needs gp), "both" of them, "cell" (the virtual cell), or "all" three.
         gp: disturbance of `mjx-cutting fit-gp`.
         model: model.json of `mjx-cutting trace`, whose effects act; None: that of the first policy's run.
         disturbance_mode: how the disturbance acts: "observation" or "dynamics".
-        rollouts: episodes of each strategy in each domain.
+        rollouts: episodes of each strategy in each simulated domain.
+        cuts: of each strategy in the cell, where a cut takes seconds; the sheets take turns.
+        effects: TOML file with the cell's hidden effects; None: those that `mjx_cutting.loop.cell_domain`
+            declares.
         baseline: evaluate the fixed baseline too.
         low_pass: evaluate the first policy behind a Butterworth filter (order 10, 5 Hz) on the force too.
         seed: decides the episodes.
@@ -54,11 +69,13 @@ class EvaluateConfig:
 
     policies: tuple[Path, ...]
     names: tuple[str, ...] = ()
-    domain: Literal["source", "surrogate", "both"] = "source"
+    domain: Literal["source", "surrogate", "both", "cell", "all"] = "source"
     gp: Path | None = None
     model: Path | None = None
     disturbance_mode: Literal["observation", "dynamics"] = "observation"
     rollouts: int = 50
+    cuts: int = 10
+    effects: Path | None = None
     baseline: bool = True
     low_pass: bool = False
     seed: int = 0
@@ -68,42 +85,57 @@ class EvaluateConfig:
     def __post_init__(self) -> None:
         require("policies", self.policies, len(self.policies) >= 1, "at least one run folder")
         require("rollouts", self.rollouts, self.rollouts >= 2, "at least 2")
-        require(
-            "domain", self.domain, self.domain in ("source", "surrogate", "both"), "source, surrogate or both"
-        )
+        require("cuts", self.cuts, self.cuts >= 2, "at least 2")
+        require("domain", self.domain, self.domain in DOMAINS, f"one of {', '.join(DOMAINS)}")
         if self.names and len(self.names) != len(self.policies):
             raise ValueError(
                 f"got {len(self.names)} names for {len(self.policies)} policies; expected one each"
             )
-        if self.domain != "source" and self.gp is None:
+        if "surrogate" in self.domains and self.gp is None:
             raise ValueError(
                 f"got domain={self.domain} without a disturbance; expected one; give --gp gp.npz "
                 "(from `mjx-cutting fit-gp`), or --domain source"
             )
 
+    @property
+    def domains(self) -> tuple[str, ...]:
+        """The single domains that `domain` stands for."""
+        return DOMAINS[self.domain]
 
-def evaluate(config: EvaluateConfig) -> Path:
+
+def evaluate(config: EvaluateConfig, cell: Domain | None = None) -> Path:
     """Evaluate policies and return the run folder with evaluation.json, episodes.csv and figures.
+
+    Arguments:
+        config: settings.
+        cell: the virtual cell as a domain (`mjx_cutting.loop.cell_domain`), where `config` asks for it.
 
     Raises: ValueError for settings or files that cannot be used; OSError when nothing can be written.
     """
     config = _resolve(config)
     assert config.env is not None
     named = dict(zip(_names(config), map(load_policy, config.policies), strict=True))
-    results = run_domains(config, named)
+    results = run_domains(config, named, cell)
     run = runs.open_run(config.out, "evaluate", config, config.seed)
     materials = config.env.materials
     write_results(run, results, named, materials)
     return run
 
 
-def run_domains(config: EvaluateConfig, named: Mapping[str, Any]) -> dict[str, dict[str, rollouts.Rollouts]]:
+def run_domains(
+    config: EvaluateConfig, named: Mapping[str, Any], cell: Domain | None = None
+) -> dict[str, dict[str, rollouts.Rollouts]]:
     """Return the rollouts by domain and strategy.
 
-    Where the disturbance acts on the observation only, both domains run in one environment, in which the
-    strategies see clean observations for the source domain: one compilation less.
+    Where the disturbance acts on the observation only, both simulated domains run in one environment, in
+    which the strategies see clean observations for the source domain: one compilation less.
     """
     assert config.env is not None
+    if "cell" in config.domains and cell is None:
+        raise ValueError(
+            f"got domain={config.domain} without a cell; expected one; hand in "
+            "mjx_cutting.loop.cell_domain.cell_domain(), as `mjx-cutting evaluate` does"
+        )
     first = next(iter(named.values()))
     acting = {}
     if config.baseline:
@@ -114,21 +146,24 @@ def run_domains(config: EvaluateConfig, named: Mapping[str, Any]) -> dict[str, d
         force = [i for i, name in enumerate(names) if name.startswith("force")]
         acting["low_pass"] = controllers.low_passed(first, force)
     controllers.comparable(list(acting.values()))
-    domains = ("source", "surrogate") if config.domain == "both" else (config.domain,)
-    if config.gp is not None and config.disturbance_mode == "observation":
+    simulated = [domain for domain in config.domains if domain != "cell"]
+    results: dict[str, dict[str, rollouts.Rollouts]] = {}
+    if simulated and config.gp is not None and config.disturbance_mode == "observation":
         env = make_env(config.env, config.model, config.gp, config.disturbance_mode)
         seeing = {
             f"{domain}/{name}": dataclasses.replace(c, clean=np.asarray(domain == "source"))
-            for domain in domains
+            for domain in simulated
             for name, c in acting.items()
         }
         found = rollouts.roll_out(env, seeing, config.rollouts, config.seed)
-        return {domain: {name: found[f"{domain}/{name}"] for name in acting} for domain in domains}
-    results = {}
-    for domain in domains:
-        gp = config.gp if domain == "surrogate" else None
-        env = make_env(config.env, config.model, gp, config.disturbance_mode)
-        results[domain] = rollouts.roll_out(env, acting, config.rollouts, config.seed)
+        results = {domain: {name: found[f"{domain}/{name}"] for name in acting} for domain in simulated}
+    else:
+        for domain in simulated:
+            gp = config.gp if domain == "surrogate" else None
+            env = make_env(config.env, config.model, gp, config.disturbance_mode)
+            results[domain] = rollouts.roll_out(env, acting, config.rollouts, config.seed)
+    if "cell" in config.domains and cell is not None:
+        results["cell"] = cell(config.env, acting)
     return results
 
 
@@ -137,8 +172,8 @@ def summarise(
     named: Mapping[str, Any],
     materials: tuple[str, ...],
 ) -> dict[str, Any]:
-    """Return what evaluation.json holds: by domain, measures and sensitivity by strategy, and the Welch
-    tests.
+    """Return what evaluation.json holds: by domain, measures, sensitivity and set-points by strategy, and the
+    Welch tests.
     """
     expert = next(iter(named.values()))
     summary: dict[str, Any] = {}
@@ -155,6 +190,7 @@ def summarise(
                     "reward_std": float(measures[name]["reward"].std(ddof=1)),
                     "by_material": metrics.by_material(measures[name], materials),
                     "sensitivity": metrics.sensitivity(r, expert),
+                    "set_points": metrics.set_points(r, expert.description),
                 }
                 for name, r in group.items()
             },

@@ -23,10 +23,10 @@ COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#b
 FORCE_WINDOW = 50
 
 
-def save(figure: Any, path: Path) -> Path:
+def save(figure: Any, path: Path, dots_per_inch: float = 150) -> Path:
     """Write a figure to a file (the name's ending decides the kind), atomically, and return the path."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=Path(path).suffix.lstrip(".") or "png", dpi=150)
+    figure.savefig(buffer, format=Path(path).suffix.lstrip(".") or "png", dpi=dots_per_inch)
     return _files.write_atomic(path, buffer.getvalue())
 
 
@@ -115,7 +115,8 @@ def over_time(
     figure, axes = _figure(11.5, 2.1 * -(-len(rows) // columns), -(-len(rows) // columns), columns)
     for axis, (name, unit, scale, i) in zip(axes.flat, rows, strict=False):
         for k, (strategy, r) in enumerate(rollouts.items()):
-            values = np.where(r.active, (r.observation if disturbed else r.clean)[..., i] * scale, np.nan)
+            seen = r.observation if disturbed or r.clean is None else r.clean
+            values = np.where(r.active, seen[..., i] * scale, np.nan)
             if name.startswith("force"):
                 values = np.stack([_running(column, FORCE_WINDOW) for column in values.T], axis=1)
             enough = r.active.sum(axis=1) >= max(1, r.active.shape[1] // 4)

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from mjx_cutting.evaluation.rollouts import Rollouts
-from mjx_cutting.learning.policy import Policy
+from mjx_cutting.learning.policy import Policy, PolicyDescription
 
 TERMS = ("reward_mrv", "reward_time", "reward_path", "reward_force", "reward_failure")
 
@@ -75,27 +75,59 @@ def sensitivity(rollouts: Rollouts, expert: Policy, window_s: float = 1.0) -> di
         expert: the reference, applied to the clean observations of these rollouts.
         window_s: length of the moving mean that jitter is measured against, s.
 
-    Keys: distance (RMS difference of the action from the expert's on the clean observation), jitter (standard
-    deviation of the action about its moving mean, mean over the action's entries), expert_jitter (the same of
-    the expert's clean actions), lag_s (shift that maximises the cross-correlation of the two; positive:
-    the policy comes later).
+    Keys: jitter (standard deviation of the action about its moving mean, mean over the action's entries), and
+    where the clean observation is known: distance (RMS difference of the action from the expert's on the
+    clean observation), expert_jitter (jitter of the expert's clean actions), lag_s (shift that maximises the
+    cross-correlation of the two; positive: the policy comes later).
     """
-    reference = np.asarray(jax.jit(lambda p, o: p.apply(o))(expert, rollouts.clean))
     width = max(round(window_s / rollouts.period_s), 1)
-    distance, jitter, expert_jitter, lags = [], [], [], []
-    for i in range(rollouts.active.shape[1]):
-        on = rollouts.active[:, i]
-        a, r = rollouts.action[on, i].astype(float), reference[on, i].astype(float)
-        distance.append(np.sqrt(np.mean(np.sum((a - r) ** 2, axis=-1))))
-        jitter.append(np.std(a - _moving_mean(a, width), axis=0).mean())
-        expert_jitter.append(np.std(r - _moving_mean(r, width), axis=0).mean())
-        lags.append(lag(r - _moving_mean(r, width), a - _moving_mean(a, width)) * rollouts.period_s)
+    episodes = range(rollouts.active.shape[1])
+    acted = [rollouts.action[rollouts.active[:, i], i].astype(float) for i in episodes]
+    swings = [a - _moving_mean(a, width) for a in acted]
+    found = {"jitter": float(np.mean([swing.std(axis=0).mean() for swing in swings]))}
+    if rollouts.clean is None:
+        return found
+    reference = np.asarray(jax.jit(lambda p, o: p.apply(o))(expert, rollouts.clean))
+    wished = [reference[rollouts.active[:, i], i].astype(float) for i in episodes]
+    pairs = list(zip(acted, wished, strict=True))
+    ideal = [r - _moving_mean(r, width) for r in wished]
+    lags = [lag(r, a) * rollouts.period_s for r, a in zip(ideal, swings, strict=True)]
     return {
-        "distance": float(np.mean(distance)),
-        "jitter": float(np.mean(jitter)),
-        "expert_jitter": float(np.mean(expert_jitter)),
+        "distance": float(np.mean([np.sqrt(np.mean(np.sum((a - r) ** 2, axis=-1))) for a, r in pairs])),
+        **found,
+        "expert_jitter": float(np.mean([r.std(axis=0).mean() for r in ideal])),
         "lag_s": float(np.mean(lags)),
     }
+
+
+def set_points(rollouts: Rollouts, description: PolicyDescription) -> dict[str, float]:
+    """Return what a policy asks for before and after it meets the sheet, means over time and episodes.
+
+    Keys: {approach, cutting}_{feed_adjustment, depth_mm, stiffness_feed_s2, stiffness_normal_s2} (geometric
+    means of the stiffnesses), and depth_spread_mm, the standard deviation of the depth within a cut. Empty
+    where the policy does not observe its set-points; without the approach where the path has none.
+    """
+    names = {
+        "feed_adjustment": ("feed_adjustment", 1.0),
+        "depth_mm": ("depth", 1e3),
+        "stiffness_feed_s2": ("log_stiffness_y", 1.0),
+        "stiffness_normal_s2": ("log_stiffness_z", 1.0),
+    }
+    if not {name for name, _ in names.values()} <= set(description.observation_names):
+        return {}
+    touched = np.maximum.accumulate(rollouts.metrics["contact_s"] > 0, axis=0)
+    found = {}
+    for phase, during in (("approach", ~touched & rollouts.active), ("cutting", touched & rollouts.active)):
+        for key, (name, factor) in names.items():
+            i = description.observation_names.index(name)
+            values = rollouts.observation[..., i] * (factor * description.observation_scales[i])
+            if during.any():
+                mean = float(np.mean(values[during]))
+                found[f"{phase}_{key}"] = float(np.exp(mean)) if name.startswith("log_") else mean
+            if phase == "cutting" and name == "depth":
+                spreads = [v[on].std() for v, on in zip(values.T, during.T, strict=True) if on.any()]
+                found["depth_spread_mm"] = float(np.mean(spreads)) if spreads else float("nan")
+    return found
 
 
 def lag(reference: np.ndarray, signal: np.ndarray, most: int = 50) -> int:

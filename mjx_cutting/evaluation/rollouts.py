@@ -30,7 +30,7 @@ class Rollouts:
         active: [T, N] bool; whether the episode was still on at this step.
         observation: [T, N, observation] seen by the environment's user (with the disturbance), before the
             action.
-        clean: [T, N, observation], the same without the disturbance.
+        clean: [T, N, observation], the same without the disturbance; None where that is not known.
         action: [T, N, action].
         reward: [T, N], of the step that followed.
         metrics: name -> [T, N], amounts of that step as the environment gives them.
@@ -40,7 +40,7 @@ class Rollouts:
 
     active: np.ndarray
     observation: np.ndarray
-    clean: np.ndarray
+    clean: np.ndarray | None
     action: np.ndarray
     reward: np.ndarray
     metrics: dict[str, np.ndarray]
@@ -54,8 +54,8 @@ class Rollouts:
 
     @property
     def time_s(self) -> np.ndarray:
-        """Length of each episode, [N], s."""
-        return self.active.sum(axis=0) * self.period_s
+        """Length of each episode, [N], s; where the policy does not act all the time, the metric time_s."""
+        return self.total("time_s") if "time_s" in self.metrics else self.active.sum(axis=0) * self.period_s
 
 
 def roll_out(

@@ -30,6 +30,7 @@ from mjx_cutting._files import write_atomic
 from mjx_cutting.deploy.artefact import Artefact
 from mjx_cutting.deploy.virtual_cell import Cell, CellConfig, Hidden, load
 from mjx_cutting.learning.settings import require
+from mjx_cutting.loop.cell_cut import cell_config, reward
 from mjx_cutting.sim.config import EnvConfig
 
 STRATEGIES = ("direct", "gp_only", "effect_only", "effect_and_gp")
@@ -169,22 +170,10 @@ class _Work:
         }
 
     def _cell(self, seed: int, cut_m: float | None = None) -> Cell:
-        env = self.env
-        return Cell(
-            CellConfig(
-                material=self.config.material,
-                start_m=env.start_m,
-                surface_m=env.surface_height_m,
-                approach_m=env.approach_m if cut_m is None else 0.005,
-                cut_m=env.cut_m if cut_m is None else cut_m,
-                teeth=env.teeth,
-                diameter_m=env.diameter_m,
-                kerf_m=env.kerf_m,
-                spindle_rev_s=env.spindle_speed_rev_s,
-                seed=seed,
-            ),
-            self.hidden,
-        )
+        config = cell_config(self.env, self.config.material, seed)
+        if cut_m is not None:
+            config = dataclasses.replace(config, approach_m=0.005, cut_m=cut_m)
+        return Cell(config, self.hidden)
 
     def _record(self, index: int, folder: Path) -> None:
         from mjx_cutting.deploy.export import build_run
@@ -271,15 +260,3 @@ class _Work:
         save_verified(build_run(policy, allow_failed_check=True), path)
         lockstep = Lockstep(self._cell(self.config.seed + 7), PolicyRuntime.load(path))
         return [lockstep.fly(longest_s=self.env.max_episode_s).score for _ in range(self.config.cuts)]
-
-
-def reward(env: EnvConfig, score: dict[str, Any]) -> float:
-    """The simulation's reward of one cut in the cell, from the cell's amounts.
-
-    Arguments: `env` has the weights; `score` as `virtual_cell.score.Score.to_dict`.
-    """
-    path = float(np.dot(env.reward_path_per_mm2_s, score["error_squared_mm2_s"]))
-    force = float(np.dot(env.reward_force_per_n2_s, score["force_squared_n2_s"]))
-    gained = env.reward_mrv_per_mm3 * score["mrv_mm3"] - env.reward_time_per_s * score["time_s"]
-    failed = score["why"] not in ("", "finished")
-    return gained - path - force + (env.failure_reward if failed else 0.0)
