@@ -122,8 +122,9 @@ def decide(
     after: HeldOut,
     p_chance: float,
     parameters: dict[str, Interval],
+    over_trials: bool = True,
 ) -> Decision:
-    """Apply the four tests."""
+    """Apply the four tests; `over_trials` False leaves out that of the gain's standard error over trials."""
     gain, error = gain_over_trials(before, after)
     reasons = []
     if p_chance > CHANCE:
@@ -140,7 +141,7 @@ def decide(
             f"accounts for {_accounted(before, after):.2%} of the force, less than the {TOLERANCE:.1%} "
             "that any model's own calculation may be off"
         )
-    elif np.isfinite(error) and gain < STANDARD_ERRORS * error:
+    elif over_trials and np.isfinite(error) and gain < STANDARD_ERRORS * error:
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
     strength = kind.parameters[kind.strength]
     found = parameters[kind.strength]

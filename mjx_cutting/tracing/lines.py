@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from mjx_cutting.tracing.levels import LEVEL_KINDS
-from mjx_cutting.tracing.spindle import spindle_angle, spindle_speed
+from mjx_cutting.tracing.spindle import spindle_angle, spindle_speed, spindle_speeds
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 Array = NDArray[np.floating]
@@ -97,8 +97,18 @@ def band_limit(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> A
     return np.fft.irfft(np.fft.rfft(record, axis=0) * keep[:, None], n=len(record), axis=0)
 
 
-def compress(dataset: Dataset, band_hz: tuple[float, float]) -> Lines:
+def compress(
+    dataset: Dataset,
+    band_hz: tuple[float, float],
+    about_rev_s: Array | None = None,
+    orders: int | None = None,
+) -> Lines:
     """Lines of every cut trial of the dataset.
+
+    Arguments:
+        about_rev_s: [R] speeds about which each trial's own is looked for, and no further than a stated one
+            may err; default: wherever a motor that gives way may have left it (`spindle`).
+        orders: highest order; default the highest that is heard in the band.
 
     Raises:
         ValueError: no cut trial, or one too short to tell its lines apart.
@@ -108,8 +118,12 @@ def compress(dataset: Dataset, band_hz: tuple[float, float]) -> Lines:
         raise ValueError("the dataset has no cut trial; tracing needs at least one of kind 'cut'")
     if dataset.tool.kind in LEVEL_KINDS:
         speeds, orders = np.array([trial.spindle_speed_rev_s for trial in trials]), 0
+    elif about_rev_s is None:
+        speeds = spindle_speeds(trials, dataset.tool)
     else:
-        speeds = np.array([spindle_speed(trial, dataset.tool.teeth) for trial in trials])
+        pairs = zip(trials, about_rev_s, strict=True)
+        speeds = np.array([spindle_speed(trial, dataset.tool.teeth, float(f)) for trial, f in pairs])
+    if orders is None:
         orders = _highest_order(dataset, band_hz, float(speeds.min()))
     parts = [
         _one(trial, speed, orders, dataset.sensor.sample_rate_hz, band_hz)

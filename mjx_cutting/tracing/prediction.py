@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import ForceModel
+from mjx_cutting.cutting import Cut, ForceModel
+from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
 from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band
 from mjx_cutting.tracing.problem import Problem, Residual, model_lines, pose, residual_of
-from mjx_cutting.tracing.spindle import spindle_angle
+from mjx_cutting.tracing.spindle import spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 Array = NDArray[np.floating]
@@ -62,10 +63,12 @@ def predict_trials(
         dataset: measured trials.
         model: force model, from tracing or from a model.json; the tool is the data set's.
         band_hz: band compared, Hz; default the anti-alias filter's corner or half the sampling rate.
+
+    A trial's speed is looked for within 1 % of the stated one, or of what the model's spindle_droop makes of it.
     """
     with _platform.x64():
         dataset = as_levels(dataset)
-        lines = compress(dataset, trusted_band(dataset, band_hz))
+        lines = compress(dataset, trusted_band(dataset, band_hz), loaded_about(dataset, model))
         problem = pose(dataset, lines)
         found = predictions(dataset, lines, problem, model)
         if not problem.shared_bias:
@@ -78,7 +81,8 @@ def predict_trials(
 def predictions(
     dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0
 ) -> tuple[Prediction, ...]:
-    """The same from parts already made (call it in float64)."""
+    """The same from parts already made (call it in float64); the speeds are those of `lines`."""
+    model, _ = _at_loaded_speed(model)
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n))
     coefficients = np.asarray(lines_n)
     phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
@@ -100,6 +104,32 @@ def predictions(
             )
         )
     return tuple(results)
+
+
+def loaded_about(dataset: Dataset, model: ForceModel) -> Array:
+    """[R] speeds of the cut trials by the record, slowed by the model's droop where it has one, rev/s."""
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    stated = np.array([stated_speed(trial) for trial in trials])
+    rigid, droop = _at_loaded_speed(model)
+    if droop is None:
+        return stated
+    cut = Cut.milling(
+        trials[0].milling or "slot",
+        dataset.tool.diameter_m,
+        angle_rad=0.0,
+        spindle_speed_rev_s=stated,
+        feed_speed_m_s=np.array([trial.feed_speed_m_s for trial in trials]),
+        radial_depth_m=np.array([trial.radial_depth_m for trial in trials]),
+        axial_width_m=np.array([trial.axial_width_m for trial in trials]),
+    )
+    return np.asarray(droop.loaded_speed_rev_s(cut, rigid))
+
+
+def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None]:
+    """The model for lines that stand where the loaded spindle turned, and what slowed it."""
+    droop = next((each for each in model.effects if isinstance(each, SpindleDroop)), None)
+    rest = tuple(each for each in model.effects if each is not droop)
+    return ForceModel(model.tool, model.material, rest), droop
 
 
 def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate_hz: float) -> Array:

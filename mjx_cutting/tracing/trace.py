@@ -15,6 +15,8 @@ from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool, effect_class
 from mjx_cutting.tracing.dependence import Dependence, dependences
+from mjx_cutting.tracing.droop import NAME as DROOP
+from mjx_cutting.tracing.droop import find_droop
 from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.isolability import isolability
@@ -86,7 +88,8 @@ def trace(
         ValueError: unknown effect, fewer than two cut trials, or an empty band.
     """
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
-    steady = [kind for kind in kinds if kind.steady]
+    # droop is not in lines read at the loaded speed, but in where they stand
+    steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     _check(dataset)
     dataset = as_levels(dataset)
     with _platform.x64():
@@ -108,12 +111,19 @@ def trace(
             for index, one in enumerate(after)
         )
         model = model.with_effects(*(each.effect for each in accepted))
+        droop = find_droop(dataset, lines, found) if any(kind.name == DROOP for kind in kinds) else None
+        if droop is not None and droop.round.accepted is not None:
+            found, before = replace(found, base=droop.base), droop.before
+            model = model.with_effects(droop.round.accepted.effect)
+            slow = (droop.round, *slow)
         progress("testing what remains")
         teeth = dataset.tool.teeth
         depends_before = dependences(dataset, before, teeth, lines.orders)
         depends_after = dependences(dataset, after, teeth, lines.orders)
-        named = (*found.effects, *(each.kind for each in accepted))
+        named = (*found.effects, *(each.accepted.kind for each in slow if each.accepted))
         reasons = {kind.name: evidence(kind, dataset, before, after) for kind in named}
+        if droop is not None and droop.round.accepted is not None:
+            reasons[DROOP] = [*reasons[DROOP], *droop.evidence]
         word = verdict(dataset, lines, found, slow, depends_before, depends_after, reasons)
     return Tracing(
         dataset, lines, found, slow, base_model, model, before, after, depends_before, depends_after, word
