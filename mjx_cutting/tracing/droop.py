@@ -6,7 +6,7 @@ under the fitted model and e one relative error of all stated speeds: a straight
 
 Held-out error: a speed may be up to 1 % off the stated one and is then fitted on the trial itself. "Before"
 is the base model fitted and scored with every speed within that reach of the stated one, "after" with every
-speed within that reach of what droop, fitted without the trial, says it is under load. Where no trial is
+speed within that reach of what droop and e, fitted without the trial, say it is under load. Where no trial is
 slower than that reach, droop cannot lower the error and is not named.
 """
 
@@ -61,30 +61,24 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
     kind = effect_class(NAME)
     loss = stated - lines.speed_rev_s
     torque = _torque(found.problem, found.final_fit.model)
-    value, error, p_chance = _law(loss, torque, stated)
+    value, _, error, p_chance = _law(loss, torque, stated)
     assert found.final.fits is not None
-    folds = int(found.final.fold.max()) + 1
-    models = [jax.tree.map(lambda leaf, f=f: leaf[f], found.final.fits.model) for f in range(folds)]
-    by_fold = np.array(
-        [
-            _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])[0]
-            for model, keep in ((model, found.final.fold != f) for f, model in enumerate(models))
-        ]
-    )
+    fold, laws, centres = found.final.fold, [], np.empty_like(stated)
+    for f in range(int(fold.max()) + 1):
+        model = jax.tree.map(lambda leaf, f=f: leaf[f], found.final.fits.model)
+        keep = fold != f
+        own, off, *_ = _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])
+        about = loaded_about(dataset, model.with_effects(kind(max(own, 0.0))), off)
+        laws.append(own)
+        centres[~keep] = about[~keep]
     near = compress(dataset, lines.band_hz, about_rev_s=stated, orders=lines.orders)
     problem = pose(dataset, near)
     base = fit(problem, (), base_starts(problem))
     problem = reweighted(problem, base)
     base = fit(problem, (), base_starts(problem))
     before = held_out(problem, near, (), base.x, found.base.fold)
-    centres = np.array(
-        [
-            loaded_about(dataset, model.with_effects(kind(max(d, 0.0))))
-            for d, model in zip(by_fold, models, strict=True)
-        ]
-    )[found.final.fold, np.arange(len(trials))]
     after = _within_reach(dataset, lines, found, centres, stated)
-    parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", value, by_fold, error)}
+    parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", value, np.array(laws), error)}
     # the trials speak through the law of the losses, of which few may be beyond what a stated speed may err
     decision = decide(kind, before, found.base, p_chance * 0.01 / CHANCE, parameters, over_trials=False)
     effect = kind(float(value))
@@ -101,15 +95,15 @@ def _torque(problem: Problem, model: ForceModel) -> Array:
     return np.asarray(load.chip_torque + load.edge_torque)
 
 
-def _law(loss: Array, torque: Array, stated: Array) -> tuple[float, float, float]:
-    """d of loss / stated = d T / stated - e, its standard error, and the chance of so steep a line."""
+def _law(loss: Array, torque: Array, stated: Array) -> tuple[float, float, float, float]:
+    """d and e of loss / stated = d T / stated - e, the standard error of d, the chance of so steep a line."""
     columns = np.stack([torque / stated, -np.ones_like(stated)], axis=1)
     share = loss / stated
     weights, *_ = np.linalg.lstsq(columns, share, rcond=None)
     freedom = max(len(share) - 2, 1)
     variance = float(np.sum((share - columns @ weights) ** 2)) / freedom
     error = float(np.sqrt(max(variance * np.linalg.pinv(columns.T @ columns)[0, 0], 1e-300)))
-    return float(weights[0]), error, float(stats.t.sf(weights[0] / error, freedom))
+    return float(weights[0]), float(weights[1]), error, float(stats.t.sf(weights[0] / error, freedom))
 
 
 def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array, stated: Array) -> HeldOut:
@@ -128,10 +122,11 @@ def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array,
 
 def _evidence(share: Array, torque: Array, p_chance: float) -> tuple[str, ...]:
     light, heavy = int(np.argmin(torque)), int(np.argmax(torque))
+    together = np.corrcoef(share, torque)[0, 1]
     return (
         f"the spindle turned {share[light]:.1%} slower than stated at {torque[light]:.3g} N m and "
-        f"{share[heavy]:.1%} slower at {torque[heavy]:.3g} N m; over {len(share)} trials the loss goes with the "
-        f"torque (correlation {np.corrcoef(share, torque)[0, 1]:.2f}, p = {p_chance:.1g} by chance)",
-        "without it, every speed was looked for within 1 % of the stated one; with it, within 1 % of what the "
-        "motor's stiffness gives under the load of the trial",
+        f"{share[heavy]:.1%} slower at {torque[heavy]:.3g} N m; over {len(share)} trials the loss goes with "
+        f"the torque (correlation {together:.2f}, p = {p_chance:.1g} by chance)",
+        "without it, every speed was looked for within 1 % of the stated one; with it, within 1 % of what "
+        "the motor's stiffness gives under the load of the trial",
     )

@@ -64,7 +64,7 @@ def predict_trials(
         model: force model, from tracing or from a model.json; the tool is the data set's.
         band_hz: band compared, Hz; default the anti-alias filter's corner or half the sampling rate.
 
-    A trial's speed is looked for within 1 % of the stated one, or of what the model's spindle_droop makes of it.
+    A trial's speed is looked for within 1 % of the stated one, or of what the model's droop makes of it.
     """
     with _platform.x64():
         dataset = as_levels(dataset)
@@ -106,10 +106,13 @@ def predictions(
     return tuple(results)
 
 
-def loaded_about(dataset: Dataset, model: ForceModel) -> Array:
-    """[R] speeds of the cut trials by the record, slowed by the model's droop where it has one, rev/s."""
+def loaded_about(dataset: Dataset, model: ForceModel, error: float = 0.0) -> Array:
+    """[R] speeds of the cut trials by the record, slowed by the model's droop where it has one, rev/s.
+
+    `error` is the relative error of the stated speeds.
+    """
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
-    stated = np.array([stated_speed(trial) for trial in trials])
+    stated = (1.0 + error) * np.array([stated_speed(trial) for trial in trials])
     rigid, droop = _at_loaded_speed(model)
     if droop is None:
         return stated

@@ -173,7 +173,7 @@ def _within_reach(trial: Trial, teeth: int) -> tuple[Array, Array] | None:
 
 
 def _windowed(trial: Trial) -> tuple[Array, Array]:
-    """The record less its mean, so that a strong line does not leak onto the place of a weak one; its times."""
+    """The record, windowed so that a strong line does not leak onto the place of a weak one; its times."""
     signal = trial.signals[:, ~np.isnan(trial.signals).any(axis=0)]
     signal = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
     return signal, trial.time_s - trial.time_s[0]
