@@ -122,9 +122,9 @@ def adapt_all(config: Config, out: Path) -> dict[str, Path]:
 
 
 def adapt_expert(
-    config: Config, strategy: Any, expert: Path, gp: Path, folder: Path, resume: Path | None
+    config: Config, strategy: Any, expert: Path, gp: Path | None, folder: Path, resume: Path | None
 ) -> Path:
-    """Adapt an expert by one strategy into a folder."""
+    """Adapt an expert by one strategy into a folder, to a disturbance, the effects of a model, or both."""
     return adapt(
         AdaptConfig(
             expert=expert,

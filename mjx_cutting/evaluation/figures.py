@@ -147,8 +147,35 @@ def reward_terms(
         sheets: in this order; those without rollouts are left empty.
         title: above the axes.
     """
+    return reward_terms_by_domain({title: tables}, sheets)
+
+
+def reward_terms_by_domain(
+    domains: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], sheets: Sequence[str]
+) -> Any:
+    """Return the figure of `reward_terms` with a row for each of several domains: title -> tables."""
+    widest = max(len(tables) for tables in domains.values())
+    figure, rows = _figure(max(7.0, 0.3 * widest * len(sheets)), 4.4 * len(domains), len(domains))
+    named: dict[str, Any] = {}
+    for axes, (title, tables) in zip(np.ravel(rows), domains.items(), strict=True):
+        _draw_terms(axes, tables, sheets, title)
+        handles, labels = axes.get_legend_handles_labels()
+        named |= dict(zip(labels, handles, strict=True))
+    figure.legend(
+        list(named.values()),
+        list(named),
+        frameon=False,
+        fontsize=8,
+        ncols=len(named),
+        loc="outside upper center",
+    )
+    return figure
+
+
+def _draw_terms(
+    axes: Any, tables: Mapping[str, Mapping[str, Mapping[str, float]]], sheets: Sequence[str], title: str
+) -> None:
     strategies = list(tables)
-    figure, axes = _figure(max(7.0, 2.0 * len(sheets)), 4.4)
     width = 0.8 / len(strategies)
     terms = [t for t in TERMS if any(t in tables[s].get(m, {}) for s in strategies for m in sheets)]
     tops = [
@@ -164,10 +191,11 @@ def reward_terms(
                 continue
             at = m + (s - (len(strategies) - 1) / 2) * width
             above = below = 0.0
-            for k, term in enumerate(terms):
+            for term in terms:
                 value = row.get(term, 0.0)
                 base = above if value >= 0 else below
-                axes.bar(at, value, 0.9 * width, bottom=base, color=COLOURS[k], edgecolor="white", lw=0.3)
+                colour = COLOURS[TERMS.index(term)]
+                axes.bar(at, value, 0.9 * width, bottom=base, color=colour, edgecolor="white", lw=0.3)
                 above, below = (above + value, below) if value >= 0 else (above, below + value)
             axes.plot(at, row["reward"], "k_", ms=60 * width, mew=1.5)
             mark = "" if row["completed"] > 0.999 else f"\n{100 * row['completed']:.0f} % done"
@@ -180,8 +208,8 @@ def reward_terms(
                 ha="center",
                 va="bottom",
             )
-    for k, term in enumerate(terms):
-        axes.bar(0, 0, 0, color=COLOURS[k], label=term.removeprefix("reward_"))
+    for term in terms:
+        axes.bar(0, 0, 0, color=COLOURS[TERMS.index(term)], label=term.removeprefix("reward_"))
     axes.plot([], [], "k_", ms=10, label="sum")
     axes.margins(y=0.02)
     low, high = axes.get_ylim()
@@ -189,8 +217,6 @@ def reward_terms(
     axes.axhline(0, color="black", lw=0.6)
     axes.set_xticks(range(len(sheets)), sheets)
     axes.set(ylabel="reward of an episode, by term", title=title)
-    figure.legend(frameon=False, fontsize=8, ncols=len(terms) + 1, loc="outside upper center")
-    return figure
 
 
 def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Any, Any]:

@@ -56,7 +56,7 @@ def cell_domain(
     Raises:
         ValueError: the file holds an effect that is unknown or out of range.
     """
-    hidden = load(effects) if effects else from_dict(DECLARED)
+    hidden = hidden_effects(effects)
 
     def serve(env: EnvConfig, acting: Mapping[str, Controller]) -> dict[str, Rollouts]:
         found = {}
@@ -66,6 +66,11 @@ def cell_domain(
         return found
 
     return serve
+
+
+def hidden_effects(effects: Path | None) -> Hidden:
+    """The effects of a TOML file; those of `DECLARED` where none is given. Raises ValueError as `load`."""
+    return load(effects) if effects else from_dict(DECLARED)
 
 
 class _Watched(PolicyRuntime):

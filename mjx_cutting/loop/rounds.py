@@ -198,6 +198,7 @@ class _Work:
 
     def _adapt(self, place: Path, tracing: Any) -> dict[str, Path]:
         from mjx_cutting.learning.adapt import AdaptConfig, adapt
+        from mjx_cutting.loop.transfer import fit_rest
 
         named = bool(tracing.verdict["effects"])
         model = place / "trace" / "model.json"
@@ -211,7 +212,7 @@ class _Work:
             "quiet": self.config.quiet,
         }
         found = {"direct": self.expert}
-        gp = self._gp(tracing.before, place / "gp_before.npz")
+        gp = fit_rest(tracing.before, self.env, place / "gp_before.npz")
         found["gp_only"] = adapt(
             AdaptConfig(expert=self.expert, strategy="dagger", gp=gp, out=place / "gp_only", **shared)
         )
@@ -222,7 +223,7 @@ class _Work:
                 expert=self.expert, strategy="fine_tune", model=model, out=place / "effect_only", **shared
             )
         )
-        rest = self._gp(tracing.after, place / "gp_after.npz")
+        rest = fit_rest(tracing.after, self.env, place / "gp_after.npz")
         found["effect_and_gp"] = adapt(
             AdaptConfig(
                 expert=found["effect_only"],
@@ -234,22 +235,6 @@ class _Work:
             )
         )
         return found
-
-    def _gp(self, predictions: Any, path: Path) -> Path:
-        from mjx_cutting.disturbance import fit
-        from mjx_cutting.loop.transfer import replayed
-
-        turn = self.env.spindle_speed_rev_s
-        sizes = [np.sqrt(np.mean(np.sum(each.measured_n**2, axis=1))) for each in predictions]
-        time_s, residual_n = replayed(predictions, turn, self.env.physics_rate_hz, float(np.mean(sizes)))
-        gp = fit(
-            time_s,
-            residual_n,
-            frequency_range_hz=(0.9 * turn, 1.1 * turn),
-            trial_effects=False,  # a trial's own mean is not known: its bias was fitted away
-            diagnose=False,
-        )
-        return Path(gp.save(path))
 
     def _serve(self, policy: Path, path: Path) -> list[dict[str, Any]]:
         """Exports a policy and serves it on a cell with a new tool; the amounts of every cut."""

@@ -9,10 +9,12 @@ on speed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting.sim.config import EnvConfig
 from mjx_cutting.tracing import Prediction
 
 
@@ -47,3 +49,29 @@ def replayed(
         left = each.residual_n * (load_n / max(float(own), 1e-12))
         residuals.append(np.stack([np.interp(angle, each.angle_rad, left[:, axis]) for axis in range(3)], 1))
     return time, np.stack(residuals)
+
+
+def fit_rest(predictions: Sequence[Prediction], env: EnvConfig, path: Path) -> Path:
+    """Fit the disturbance model to what a prediction leaves, at the size it was measured; the file's path.
+
+    Arguments:
+        predictions: trials beside their prediction.
+        env: the simulation in which it is to be replayed.
+        path: npz file to write.
+
+    Raises:
+        ValueError: a trial holds fewer than two whole turns.
+    """
+    from mjx_cutting.disturbance import fit
+
+    turn = env.spindle_speed_rev_s
+    sizes = [np.sqrt(np.mean(np.sum(each.measured_n**2, axis=1))) for each in predictions]
+    time_s, residual_n = replayed(predictions, turn, env.physics_rate_hz, float(np.mean(sizes)))
+    gp = fit(
+        time_s,
+        residual_n,
+        frequency_range_hz=(0.9 * turn, 1.1 * turn),
+        trial_effects=False,  # a trial's own mean is not known: its bias was fitted away
+        diagnose=False,
+    )
+    return Path(gp.save(path))
