@@ -58,7 +58,7 @@ def write_state(target: Path, iteration: int, state: Any, config: Any) -> None:
     """Write one state with its manifest as the folder `target`, atomically."""
     leaves = _leaves(state)
     with _files.staged_folder(target) as staged:
-        with ocp.Checkpointer(ocp.PyTreeCheckpointHandler()) as orbax:
+        with _orbax() as orbax:
             # orbax refuses arrays of size zero; the template restores them.
             orbax.save(staged.resolve() / "state", {k: v for k, v in leaves.items() if v.size})
         files = sorted(p for p in (staged / "state").rglob("*") if p.is_file())
@@ -145,7 +145,7 @@ def restore(checkpoint: Path, template: Any, config: Any, may_differ: tuple[str,
         if 0 not in leaf["shape"]
     }
     try:
-        with ocp.Checkpointer(ocp.PyTreeCheckpointHandler()) as orbax:
+        with _orbax() as orbax:
             arrays = orbax.restore(checkpoint.resolve() / "state", restore_args=wanted)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(_broken(checkpoint, f"orbax cannot read it: {error}")) from error
@@ -163,6 +163,18 @@ def load_policy(run: Path) -> policies.Policy:
     """
     path = Path(run)
     return policies.Policy.load(path / policies.FILE if path.is_dir() else path)
+
+
+def _orbax() -> ocp.Checkpointer:
+    """Reads and writes by this process alone: of several, orbax would wait for all at each."""
+    own = ocp.options.MultiprocessingOptions()
+    if jax.process_count() > 1:
+        index = jax.process_index()
+        own = ocp.options.MultiprocessingOptions(
+            primary_host=index, active_processes={index}, barrier_sync_key_prefix=f"process{index}"
+        )
+    handler = ocp.PyTreeCheckpointHandler(multiprocessing_options=own)
+    return ocp.Checkpointer(handler, multiprocessing_options=own)
 
 
 def _leaves(state: Any) -> dict[str, np.ndarray]:

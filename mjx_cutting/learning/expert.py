@@ -17,7 +17,8 @@ import jax
 import jax.numpy as jnp
 
 from mjx_cutting import _platform
-from mjx_cutting.learning.critic import CriticWrapper
+from mjx_cutting.learning.critic import CRITIC, POLICY, CriticWrapper
+from mjx_cutting.learning.distributed import Alone
 from mjx_cutting.learning.environment import describe
 from mjx_cutting.learning.loop import Training, run_training
 from mjx_cutting.learning.policy import FILE, Policy
@@ -41,6 +42,7 @@ def train_policy(
     checkpoint_every_s: float = 60.0,
     quiet: bool = False,
     tensorboard: bool = False,
+    shards: Alone | None = None,
 ) -> tuple[Policy, ...]:
     """Train by PPO and return one policy a seed; each is also a file in the run folder.
 
@@ -55,14 +57,16 @@ def train_policy(
         settings: what a resumed run must share (a dataclass or mapping); default: `config`.
         may_differ: dotted names of `settings` that it need not share.
         resume, checkpoint_every_s, quiet, tensorboard: as in `loop.run_training`.
+        shards: the processes and devices that share the environments; None: this process alone.
 
     Raises: as `loop.run_training`; ValueError when `start` does not fit the environment.
     """
-    description = describe(env)
+    description, shards = describe(env), shards or Alone()
+    batched = CriticWrapper(TrainingWrapper(env))
     if start is not None:
-        _check_fits(start, env)
+        _check_fits(start, batched)
         config = sized_like(config, start)
-    ppo = PPO(CriticWrapper(TrainingWrapper(env)), config, freeze_normalizer=start is not None)
+    ppo = PPO(batched, config, start is not None, shards.count, shards.axis)
     keys = jnp.stack([jax.random.PRNGKey(seed + i) for i in range(seeds)])
     initialise: Callable[..., Any] = functools.partial(ppo.initialise, start=start)
     iterate: Callable[..., Any] = ppo.iterate
@@ -89,17 +93,18 @@ def train_policy(
 
     training = Training(
         title=strategy,
-        initialise=lambda: _platform.jit(initialise)(keys if seeds > 1 else keys[0]),
-        iterate=iterate,
+        initialise=lambda: _platform.jit(shards.on_each(initialise))(keys if seeds > 1 else keys[0]),
+        iterate=shards.on_all(iterate),
         iterations=config.iterations,
         steps_per_iteration=config.steps_per_iteration * seeds,
         policies=policies,
         config=config if settings is None else settings,
         may_differ=may_differ,
         names={"finite_observation": description.observation_names},
+        shards=shards,
     )
     state = run_training(training, run, resume, checkpoint_every_s, quiet, tensorboard)
-    return tuple(policies(state).values())
+    return tuple(policies(shards.first(shards.collect(state))).values())
 
 
 def initial_policy(env: Any, config: PPOConfig, seed: int = 0) -> Policy:
@@ -132,10 +137,22 @@ def sized_like(config: PPOConfig, policy: Policy) -> PPOConfig:
     )
 
 
-def _check_fits(policy: Policy, env: Any) -> None:
-    got, expected = (policy.observation_size, policy.action_size), (env.observation_size, env.action_size)
+def _check_fits(policy: Policy, env: CriticWrapper) -> None:
+    (observed,), (judged,) = (env.observation_size[name] for name in (POLICY, CRITIC))
+    got, expected = (policy.observation_size, policy.action_size), (observed, env.action_size)
     if got != expected:
         raise ValueError(
             f"got a policy with {got[0]} observations and {got[1]} actions; expected {expected[0]} and "
             f"{expected[1]} as in the environment; give a policy trained in this environment"
+        )
+    if policy.value_layers is None:
+        return
+    sees = int(policy.value_layers[0][0].shape[0])
+    if sees != judged:
+        # Beside the observation it sees progress, time, and one entry a sheet.
+        sheets, here = sees - observed - 2, judged - observed - 2
+        raise ValueError(
+            f"got a policy whose value network was trained with {sheets} sheets for a simulation with "
+            f"{here}; expected as many entries in materials, the value network having an input for each; to "
+            f"go on with fewer sheets repeat them, as in materials={('aluminium',) * sheets}"
         )

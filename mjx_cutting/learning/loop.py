@@ -24,6 +24,7 @@ import numpy as np
 
 from mjx_cutting import _platform
 from mjx_cutting.learning import checkpoint, progress
+from mjx_cutting.learning.distributed import Alone
 from mjx_cutting.learning.policy import Policy
 
 GUARD = "finite_"
@@ -59,6 +60,7 @@ class Training:
         config: settings that a resumed run must share.
         may_differ: dotted names of settings that it need not share.
         names: labels of the entries of a flag, by flag name, for the message.
+        shards: the processes that share the training; the leader alone writes.
     """
 
     title: str
@@ -70,6 +72,7 @@ class Training:
     config: Any
     may_differ: tuple[str, ...] = ()
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    shards: Alone = field(default_factory=Alone)
 
 
 def run_training(
@@ -97,18 +100,23 @@ def run_training(
     run.mkdir(parents=True, exist_ok=True)
     state = training.initialise()
     done = 0
+    shards = training.shards
     if resume is not None:
         found = checkpoint.find(resume)
-        state = checkpoint.restore(found, state, training.config, training.may_differ)
+        state = shards.spread(checkpoint.restore(found, state, training.config, training.may_differ))
         done = checkpoint.iteration_of(found)
-        progress.rewind(run, done)
-        checkpoint.drop_after(run, done)
+        shards.wait("restored")
+        if shards.leader:
+            progress.rewind(run, done)
+            checkpoint.drop_after(run, done)
+        shards.wait("rewound")
         if not checkpoint.checkpoints(run):  # going on in another folder
             _save(training, run, done, state)
     iterate = _platform.jit(lambda s: _strip_weak_types(training.iterate(s)))
     state = _strip_weak_types(state)
     saved_at = time.monotonic()
     steps = done * training.steps_per_iteration
+    quiet, tensorboard = quiet or not shards.leader, tensorboard and shards.leader
     reporter = progress.Reporter(run, training.title, training.iterations, done, quiet, tensorboard)
     with reporter, _interrupts() as stop:
         while done < training.iterations:
@@ -120,17 +128,19 @@ def run_training(
             state = after
             shown = {k: v for k, v in metrics.items() if not k.startswith(GUARD)}
             before_steps, steps = steps, _steps(training, done, shown)
-            reporter.report(done, steps, steps - before_steps, shown)
+            if shards.leader:
+                reporter.report(done, steps, steps - before_steps, shown)
             due = time.monotonic() - saved_at >= checkpoint_every_s
-            if due or stop.signal or done == training.iterations:
+            stopped, due = shards.agree(stop.signal, due)
+            if due or stopped or done == training.iterations:
                 _save(training, run, done, state)
                 saved_at = time.monotonic()
-            if stop.signal and done < training.iterations:
+            if stopped and done < training.iterations:
                 raise TrainingInterrupted(
                     f"stopped after iteration {done} of {training.iterations}; the checkpoint in {run} is "
                     f"whole; "
                     f"go on with --resume {run}",
-                    128 + stop.signal,
+                    128 + stopped,
                 )
     return state
 
@@ -141,9 +151,13 @@ def _steps(training: Training, done: int, shown: dict[str, np.ndarray]) -> int:
 
 
 def _save(training: Training, run: Path, done: int, state: Any) -> None:
-    checkpoint.save(run, done, state, training.config)
-    for name, policy in training.policies(state).items():
-        policy.save(run / name)
+    shards = training.shards
+    whole = shards.collect(state)
+    if shards.leader:
+        checkpoint.save(run, done, whole, training.config)
+        for name, policy in training.policies(shards.first(whole)).items():
+            policy.save(run / name)
+    shards.wait("saved")
 
 
 def _guard(training: Training, run: Path, done: int, before: Any, metrics: Mapping[str, np.ndarray]) -> None:
@@ -158,7 +172,9 @@ def _guard(training: Training, run: Path, done: int, before: Any, metrics: Mappi
     labels = training.names.get(broken[0], ())
     which = [labels[i] for i in np.flatnonzero(entries)] if len(labels) == len(entries) else []
     dump = run / "diverged"
-    checkpoint.save(dump, done - 1, before, training.config)
+    before = training.shards.collect(before)
+    if training.shards.leader:
+        checkpoint.save(dump, done - 1, before, training.config)
     found = checkpoint.checkpoints(run)
     last = f"the last whole checkpoint is {found[-1]}" if found else "there is no checkpoint before it"
     raise TrainingDiverged(

@@ -83,13 +83,13 @@ def initial_normalizer(observation_size: int | Mapping[str, tuple[int, ...]]) ->
     return running_statistics.init_state({k: specs.Array(v, float32) for k, v in observation_size.items()})
 
 
-def update_normalizer(state: Any, observation: Any) -> Any:
-    """Return the statistics after observations [..., observation].
+def update_normalizer(state: Any, observation: Any, axis: str | None = None) -> Any:
+    """Return the statistics after observations [..., observation], of all shards where `axis` names them.
 
     The standard deviation is kept above 0.01, observations being of order one: an entry that has hardly moved
     yet would otherwise reach the network hugely amplified the first time it does.
     """
-    return running_statistics.update(state, observation, std_min_value=0.01)
+    return running_statistics.update(state, observation, std_min_value=0.01, pmap_axis_name=axis)
 
 
 def normalizer_of(policy: Policy) -> Any:

@@ -80,16 +80,25 @@ class PPO:
             with a new episode begun at every end and info "truncated", "terminal_obs".
         config: settings.
         freeze_normalizer: keep the statistics training starts with (for policies trained further).
+        shards: parts into which the environments are split, each in a call of its own; divides envs.
+        axis: name of the mapped axis over the shards, along which gradients are averaged; None: one shard.
     """
 
     env: Any
     config: PPOConfig
     freeze_normalizer: bool = False
+    shards: int = 1
+    axis: str | None = None
     networks: Any = field(init=False, compare=False)
     optimizer: Any = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
         c = self.config
+        if c.envs % (self.shards * c.minibatches):
+            raise ValueError(
+                f"got envs={c.envs} in {self.shards} shards and minibatches={c.minibatches}; expected a "
+                f"multiple of {self.shards * c.minibatches}; set --ppo.envs or --ppo.minibatches accordingly"
+            )
         networks = nets.make_networks(
             self.env.observation_size, self.env.action_size, c.hidden, c.value_hidden, c.activation
         )
@@ -110,12 +119,13 @@ class PPO:
         """
         key, key_learner, key_env = jax.random.split(key, 3)
         learner = self.initial_parameters(key_learner, start)
-        zeros = jnp.zeros(self.config.envs, jnp.float32)
+        envs = self.config.envs // self.shards
+        zeros = jnp.zeros(envs, jnp.float32)
         return PPOState(
             params=learner.params,
             optimizer=self.optimizer.init(learner.params),
             normalizer=learner.normalizer,
-            env=self.env.reset(jax.random.split(key_env, self.config.envs)),
+            env=self.env.reset(jax.random.split(self._own(key_env), envs)),
             episode_return=zeros,
             episode_length=zeros,
             key=key,
@@ -161,25 +171,25 @@ class PPO:
             self.env,
             state.env,
             act,
-            key_unroll,
+            self._own(key_unroll),
             c.unroll_length,
             extra_fields=("truncated", "terminal_obs", "episode_metrics"),
         )
-        episodes = _episodes(state, data)
+        episodes = _episodes(state, data, self._sum)
         normalizer = state.normalizer
         if not self.freeze_normalizer:
-            normalizer = nets.update_normalizer(normalizer, data.observation)
+            normalizer = nets.update_normalizer(normalizer, data.observation, self.axis)
         data = self._bootstrap(normalizer, state.params.value, data)
         data = jax.tree_util.tree_map(lambda x: jnp.swapaxes(x, 0, 1), data)  # [envs, time, ...]
-        params, optimizer, learned = self._learn(networks, state, normalizer, data, key_learn)
+        params, optimizer, learned = self._learn(networks, state, normalizer, data, self._own(key_learn))
         metrics = {
-            **{name: jnp.mean(value) for name, value in learned.items()},
+            **{name: self._mean(jnp.mean(value)) for name, value in learned.items()},
             **episodes.metrics,
-            "reward": jnp.mean(data.reward),
-            "finite_observation": jnp.all(jnp.isfinite(data.observation[POLICY]), axis=(0, 1)),
-            "finite_reward": _finite(data.reward),
-            "finite_loss": _finite(learned["total_loss"]),
-            "finite_parameters": _finite(params),
+            "reward": self._mean(jnp.mean(data.reward)),
+            "finite_observation": self._all(jnp.all(jnp.isfinite(data.observation[POLICY]), axis=(0, 1))),
+            "finite_reward": self._all(_finite(data.reward)),
+            "finite_loss": self._all(_finite(learned["total_loss"])),
+            "finite_parameters": self._all(_finite(params)),
         }
         state = PPOState(
             params=params,
@@ -204,6 +214,19 @@ class PPO:
             "value_std": jax.device_get(state.normalizer.std[CRITIC]),
         }
 
+    def _own(self, key: jax.Array) -> jax.Array:
+        """The key of this shard: what is drawn with it differs between shards."""
+        return key if self.axis is None else jax.random.fold_in(key, jax.lax.axis_index(self.axis))
+
+    def _sum(self, x: jax.Array) -> jax.Array:
+        return x if self.axis is None else jax.lax.psum(x, self.axis)
+
+    def _mean(self, x: jax.Array) -> jax.Array:
+        return x if self.axis is None else jax.lax.pmean(x, self.axis)
+
+    def _all(self, flag: jax.Array) -> jax.Array:
+        return flag if self.axis is None else jax.lax.pmin(flag.astype(jnp.int32), self.axis) > 0
+
     def _bootstrap(self, normalizer: Any, value_params: Any, data: Any) -> Any:
         extras = data.extras["state_extras"]
         value = self.networks.value_network.apply(normalizer, value_params, extras["terminal_obs"])
@@ -221,7 +244,7 @@ class PPO:
     ) -> tuple[Any, Any, dict[str, jax.Array]]:
         c = self.config
         update = gradients.gradient_update_fn(
-            self._loss(networks), self.optimizer, pmap_axis_name=None, has_aux=True
+            self._loss(networks), self.optimizer, pmap_axis_name=self.axis, has_aux=True
         )
 
         def minibatch(carry: Any, rows: jax.Array) -> Any:
@@ -234,7 +257,7 @@ class PPO:
             return (params, optimizer, key), metrics
 
         def epoch(carry: Any, key: jax.Array) -> Any:
-            rows = jax.random.permutation(key, c.envs).reshape(c.minibatches, -1)
+            rows = jax.random.permutation(key, c.envs // self.shards).reshape(c.minibatches, -1)
             return jax.lax.scan(minibatch, carry, rows)
 
         key, key_epochs = jax.random.split(key)
@@ -271,8 +294,8 @@ class _Episodes:
     metrics: dict[str, jax.Array]
 
 
-def _episodes(state: PPOState, data: Any) -> _Episodes:
-    """Follow the returns of episodes over an unroll, data [time, envs]."""
+def _episodes(state: PPOState, data: Any, over_shards: Callable[[jax.Array], jax.Array]) -> _Episodes:
+    """Follow the returns of episodes over an unroll, data [time, envs]; `over_shards` sums over shards."""
 
     def step(carry: Any, now: Any) -> Any:
         running_return, running_length, total, length, count = carry
@@ -292,12 +315,13 @@ def _episodes(state: PPOState, data: Any) -> _Episodes:
     (running_return, running_length, total, length, count), _ = jax.lax.scan(
         step, start, (data.reward, 1.0 - data.discount)
     )
+    total, length, count = over_shards(total), over_shards(length), over_shards(count)
     ended = jnp.where(count > 0, count, jnp.nan)
     metrics = {"episode_return": total / ended, "episode_length": length / ended, "episodes": count}
     sums = data.extras["state_extras"]["episode_metrics"]
     for name in ("completed", "failed", "mrv_mm3"):
         if name in sums:
-            metrics[name] = jnp.sum(sums[name] * (1.0 - data.discount)) / ended
+            metrics[name] = over_shards(jnp.sum(sums[name] * (1.0 - data.discount))) / ended
     return _Episodes(running_return, running_length, metrics)
 
 

@@ -33,6 +33,8 @@ class TrainConfig:
         gp: disturbance of `mjx-cutting fit-gp` to train under; None: none.
         resume: run folder (or one of its checkpoints) to go on with; its settings are used, `steps` may be
             raised.
+        distributed: share the environments with the other processes of the cluster, all started with this
+            option and the same `out` on a file system they share.
         checkpoint_every_s: least wall-clock time between checkpoints, s.
         tensorboard: write TensorBoard scalars too (needs tensorboardX).
         quiet: no progress bar.
@@ -48,6 +50,7 @@ class TrainConfig:
     model: Path | None = None
     gp: Path | None = None
     resume: Path | None = None
+    distributed: bool = False
     checkpoint_every_s: float = 60.0
     tensorboard: bool = False
     quiet: bool = False
@@ -57,6 +60,10 @@ class TrainConfig:
         require("seeds", self.seeds, self.seeds >= 1, "at least 1")
         require("steps", self.steps, self.steps is None or self.steps >= 1, "at least 1")
         require("checkpoint_every_s", self.checkpoint_every_s, self.checkpoint_every_s >= 0, "0 or more")
+        if self.distributed and self.out is None and self.resume is None:
+            raise ValueError(
+                "got distributed=True without a run folder; expected one that all processes share; give --out"
+            )
 
 
 def train(config: TrainConfig) -> Path:
@@ -67,12 +74,14 @@ def train(config: TrainConfig) -> Path:
         `exit_code` is 130), with a whole checkpoint; `loop.TrainingDiverged`; OSError when nothing can be
         written.
     """
+    from mjx_cutting.learning.distributed import Alone, join
     from mjx_cutting.learning.environment import make_env
     from mjx_cutting.learning.expert import train_policy
 
     config = resolve(config)
+    shards = join() if config.distributed else Alone()
     env = make_env(config.env, config.model, config.gp)
-    run = open_run(config, "train")
+    run = open_run(config, "train", shards.leader)
     assert config.ppo is not None
     train_policy(
         env,
@@ -87,6 +96,7 @@ def train(config: TrainConfig) -> Path:
         checkpoint_every_s=config.checkpoint_every_s,
         quiet=config.quiet,
         tensorboard=config.tensorboard,
+        shards=shards,
     )
     return run
 
@@ -115,25 +125,26 @@ def resolve(config: TrainConfig) -> TrainConfig:
 
 def shared(config: Any) -> dict[str, Any]:
     """Return the settings that a resumed run must share: all that decide what is computed."""
-    apart = ("out", "resume", "quiet", "tensorboard", "checkpoint_every_s", "steps", "preset")
+    apart = ("out", "resume", "distributed", "quiet", "tensorboard", "checkpoint_every_s", "steps", "preset")
     return {k: v for k, v in runs.plain(config).items() if k not in apart}
 
 
-def open_run(config: Any, verb: str) -> Path:
+def open_run(config: Any, verb: str, leader: bool = True) -> Path:
     """Return the run folder, with config.json and versions.json written; for a resumed run its own.
+
+    Of several processes the `leader` alone writes them.
 
     Raises: ValueError when the folder holds a run that is not being resumed.
     """
     out = config.out
-    if config.resume is not None and run_of(config.resume).resolve() == Path(out).resolve():
-        return runs.open_run(out, verb, config, config.seed)
-    if out is not None and (Path(out) / METRICS).exists():
+    resumed = config.resume is not None and run_of(config.resume).resolve() == Path(out).resolve()
+    if not resumed and out is not None and (Path(out) / METRICS).exists():
         raise ValueError(
             f"got out={out}, which holds a run already; expected a new folder; give another --out, or go on "
             f"with "
             f"--resume {out}"
         )
-    return runs.open_run(out, verb, config, config.seed)
+    return runs.open_run(out, verb, config, config.seed) if leader else Path(out)
 
 
 def run_of(resume: Path) -> Path:
