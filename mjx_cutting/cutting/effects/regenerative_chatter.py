@@ -1,14 +1,19 @@
 """Regenerative chatter: a tooth cuts the wave that the tooth before it left, and the wave may grow.
 
-M x'' + C x' + K x = F on two axes, h_j = c sin th_j + (x - x_tau) sin th_j + (y - y_tau) cos th_j, tau the
-time since the tooth before passed. Altintas and Budak, CIRP Annals 44 (1995) 357-362; Insperger and Stepan,
-J. Sound and Vibration 295 (2006). Signature: lines at f_c + k f_t with f_c no multiple of the spindle
-frequency, above a threshold of depth; exactly f_t / 2 in flip lobes. Confused with a forced resonance: shift
-the speed by 3 %.
+M x'' + C x' + K x = F on two axes; a tooth cuts down to the highest surface that the passes before it left,
+
+    h_j = min over m >= 1 of [ m c sin th_j + (x - x_m) sin th_j + (y - y_m) cos th_j ]
+
+with x_m, y_m where the tool was when the m-th tooth before passed. While all teeth cut, m = 1 is the least
+and the equation linear: Altintas and Budak, CIRP Annals 44 (1995) 357-362; Insperger and Stepan, J. Sound and
+Vibration 295 (2006). Once teeth leave the sheet, the passes further back hold the wave at a few times the
+feed (Tlusty and Ismail, CIRP Annals 30 (1981) 299-304). Signature: lines at f_c + k f_t with f_c no multiple
+of the spindle frequency, above a threshold of depth; exactly f_t / 2 in flip lobes. Confused with a forced
+resonance: shift the speed by 3 %.
 
 Its memory holds HISTORY steps of displacement, so the tooth period must be at most that many steps (beyond it
 the force is NaN: take longer steps or fewer samples) and should be at least about 20 of them; the natural
-period at least about 30. A tooth that leaves the sheet is taken to have left its wave all the same.
+period at least about 30. As many passes are looked back at as the memory holds, at most the teeth or PASSES.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.chip import Chip, touching
+from mjx_cutting.cutting.chip import Chip, Cutter, touching
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
@@ -28,7 +33,9 @@ from mjx_cutting.cutting.response import second_order_step
 if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
-HISTORY = 512
+HISTORY = 2048
+PASSES = 8
+_NO_SURFACE_M = 1e3
 
 
 @register
@@ -36,8 +43,9 @@ class RegenerativeChatter(AbstractEffect):
     """A flexible tool, one mode a radial axis, whose displacement feeds back into the chip.
 
     Fields: `compliance_m_n` [2] static compliance 1/K in x and y, m/N, 0 rigid; `frequency_hz` [2] natural
-    frequency, Hz; `damping` [2] damping ratio. Bound by `recall`: `moved_m` [N, 2] displacement less that
-    when the tooth before passed, m; `now_m`, `rate_m_s` [2] displacement and its rate.
+    frequency, Hz; `damping` [2] damping ratio. Bound by `recall`: `moved_m` [M, N, 2] displacement less that
+    when the tooth m before passed, m; `known` [M, N] 1 where the memory reaches back that far; `now_m`,
+    `rate_m_s` [2] displacement and its rate.
     """
 
     name = "regenerative_chatter"
@@ -59,6 +67,7 @@ class RegenerativeChatter(AbstractEffect):
     frequency_hz: ArrayLike
     damping: ArrayLike
     moved_m: ArrayLike | None = None
+    known: ArrayLike | None = None
     now_m: ArrayLike | None = None
     rate_m_s: ArrayLike | None = None
 
@@ -71,14 +80,15 @@ class RegenerativeChatter(AbstractEffect):
         now = compliance * (response[0] + 0.5 * dt_s * response[1])
         line = jnp.concatenate([now[None], past])
         speed = jnp.maximum(jnp.asarray(cut.spindle_speed_rev_s), 1e-9)
-        steps = model.cutter().gap_rad() / (2.0 * jnp.pi * speed * dt_s)
+        steps = _apart_rad(model.cutter()) / (2.0 * jnp.pi * speed * dt_s)
         lower = jnp.clip(jnp.floor(steps), 0, HISTORY - 1).astype(int)
-        share = (steps - lower)[:, None]
+        share = (steps - lower)[..., None]
         then = line[lower] * (1.0 - share) + line[lower + 1] * share
-        then = jnp.where((steps > HISTORY)[:, None], jnp.nan, then)
-        return RegenerativeChatter(
-            self.compliance_m_n, self.frequency_hz, self.damping, now - then, now, compliance * response[1]
-        )
+        known = steps <= HISTORY
+        then = jnp.where(known[..., None], then, now)
+        then = then.at[0].set(jnp.where(known[0][:, None], then[0], jnp.nan))
+        bound = (now - then, known.astype(now.dtype), now, compliance * response[1])
+        return RegenerativeChatter(self.compliance_m_n, self.frequency_hz, self.damping, *bound)
 
     def spindle(self, cut: Cut, model: ForceModel) -> Cut:
         if self.rate_m_s is None:
@@ -91,12 +101,23 @@ class RegenerativeChatter(AbstractEffect):
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         if self.moved_m is None:
             return chip
-        moved = jnp.asarray(self.moved_m)
-        wave = moved[:, 0] * jnp.sin(chip.angle_rad) + moved[:, 1] * jnp.cos(chip.angle_rad)
-        bare = chip.thickness_m + wave
-        feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None] / model.tool.teeth
+        moved, cutter = jnp.asarray(self.moved_m), model.cutter()
+        feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
+        sine, cosine = jnp.sin(chip.angle_rad), jnp.cos(chip.angle_rad)
+        rigid, wavy = [], []
+        for m, apart in enumerate(_apart_rad(cutter)):
+            step = cutter.radius_m - jnp.roll(cutter.radius_m, m + 1)
+            left = feed_m * (apart / (2.0 * jnp.pi)) * sine + step
+            wave = moved[m, :, 0] * sine + moved[m, :, 1] * cosine
+            beyond = _NO_SURFACE_M * (1.0 - jnp.asarray(self.known)[m]) if m > 0 else 0.0
+            rigid.append(left)
+            wavy.append(left + wave + beyond)
+        # what the chip was before, by the effects ahead, less what the rigid tool would have left of it
+        without = jnp.maximum(jnp.min(jnp.stack(rigid), axis=0), 0.0)
+        bare = chip.thickness_m + jnp.min(jnp.stack(wavy), axis=0) - without
         return chip._replace(
-            thickness_m=jnp.maximum(bare, 0.0), contact=chip.contact * touching(bare, feed_m)
+            thickness_m=jnp.maximum(bare, 0.0),
+            contact=chip.contact * touching(bare, feed_m / model.tool.teeth),
         )
 
     def respond(
@@ -108,3 +129,14 @@ class RegenerativeChatter(AbstractEffect):
         )
         now = jnp.zeros(2) if self.now_m is None else jnp.asarray(self.now_m)
         return (response, jnp.concatenate([now[None], past[:-1]])), force
+
+
+def _apart_rad(cutter: Cutter) -> Array:
+    """[M, N] angle between each tooth and the one m before it, m = 1..M, rad."""
+    teeth = cutter.lag_rad.shape[0]
+    rows = []
+    for m in range(1, max(teeth, PASSES) + 1):
+        turns, rest = divmod(m, teeth)
+        apart = cutter.lag_rad - jnp.roll(cutter.lag_rad, rest) + 2.0 * jnp.pi * turns
+        rows.append(jnp.where(jnp.arange(teeth) < rest, apart + 2.0 * jnp.pi, apart))
+    return jnp.stack(rows)

@@ -106,6 +106,21 @@ def test_chatter_grows_to_lines_off_the_spindle_and_stays_bounded():
     assert strong[1.6] > 0.1
 
 
+@pytest.mark.parametrize("times", [8.0])
+def test_chatter_saturates_however_deep_the_cut(times: float):
+    """Passes further back hold the wave: it stops growing, and the mean chip is still what is fed."""
+    the_model, rpm, steps, turns, feed = model(), 10000, 80, 120, 1e-4
+    depth = times * LIMITS[rpm][0]
+    speed = rpm / 60.0
+    time = jnp.arange(2 * steps * turns) / (speed * 2 * steps)
+    here = cut(depth, rpm, feed).replace(angle_rad=2.0 * jnp.pi * speed * time, time_s=time)
+    force = np.asarray(jax.jit(ForceModel.predict)(the_model, here, 1.0 / (speed * 2 * steps)))[:, :2]
+    early, late = force[len(force) // 3 : 2 * len(force) // 3], force[2 * len(force) // 3 :]
+    assert np.abs(late).max() < 1.2 * np.abs(early).max() < 20.0 * 6e8 * depth * 1e-3 * feed
+    # a slot's mean force in y is N b K_t c / 4, whatever is left standing by one tooth another takes
+    np.testing.assert_allclose(late[:, 1].mean(), 2 * depth * 1e-3 * 6e8 * feed / 4, rtol=0.1)
+
+
 def test_a_rigid_tool_does_not_chatter():
     force = [
         np.asarray(jax.jit(ForceModel.step)(m, m.init(), cut(0.5, 10000, 1e-4), 1e-3)[1])
