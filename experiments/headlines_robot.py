@@ -24,7 +24,10 @@ def target(results: Results) -> Mapping[str, Any]:
 
 def _rows(results: Results, strategy: str) -> dict[str, Mapping[str, float]]:
     rows = target(results)["strategies"][strategy]["by_material"]
-    return {sheet: row for sheet, row in rows.items() if sheet != "all"}
+    rows = {sheet: row for sheet, row in rows.items() if sheet != "all"}
+    if not rows:
+        raise KeyError("sheet")
+    return rows
 
 
 def _all(results: Results, strategy: str, measure: str) -> float:

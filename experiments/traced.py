@@ -27,7 +27,7 @@ TOLD = "traced.json"
 
 
 def adapt_traced(
-    config: adapt.Config, out: Path, expert: Path, effects: Path | None, sheet: str = "aluminium"
+    config: adapt.Config, out: Path, expert: Path, effects: Path | None, sheet: str = "plastic"
 ) -> tuple[dict[str, Path], dict[str, Any]]:
     """Return the run folders by strategy, and what tracing found; complete stages are left as they are.
 

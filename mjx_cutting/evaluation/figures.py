@@ -215,6 +215,7 @@ def _draw_terms(
     low, high = axes.get_ylim()
     axes.set_ylim(low, max([high, *tops]) + 0.35 * (high - low))
     axes.axhline(0, color="black", lw=0.6)
+    axes.set_xlim(-0.6, len(sheets) - 0.4)
     axes.set_xticks(range(len(sheets)), sheets)
     axes.set(ylabel="reward of an episode, by term", title=title)
 
