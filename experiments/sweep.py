@@ -73,7 +73,12 @@ class Config:
         for name in ("trials", "width", "seeds"):
             require(name, getattr(self, name), getattr(self, name) >= 1, "at least 1")
         unknown = sorted(set(self.searched) - set(RANGES))
-        require("searched", self.searched, self.searched and not unknown, f"names out of {', '.join(RANGES)}")
+        require(
+            "searched",
+            self.searched,
+            bool(self.searched) and not unknown,
+            f"names out of {', '.join(RANGES)}",
+        )
 
 
 PRESETS = {
