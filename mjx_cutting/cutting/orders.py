@@ -63,8 +63,9 @@ def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
     order = np.arange(orders + 1)
     share = weight * (own[-1] - own[0]) / (node[-1] - node[0]) / (2.0 * np.pi)
     if even is not None:
-        turns = jnp.exp(-1j * order[:, None, None, None] * (even[0] - cut.angle_rad))
-        return jnp.einsum("nksj,ksja->na", turns, force * (share[:, None, None] * even[1])[..., None])
+        return _transformed(
+            even[0] - cut.angle_rad, force * (share[:, None, None] * even[1])[..., None], orders
+        )
     place = jnp.exp(-1j * order[:, None, None] * (lag - cut.angle_rad))
     if _alike(model):
         force, place = force[:, :, :1], jnp.sum(place, axis=2, keepdims=True)
@@ -73,6 +74,19 @@ def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
     parts = jnp.matmul(over_arc, force.reshape(nodes, -1), precision="highest")
     parts = parts.reshape(2, orders + 1, *force.shape[1:])
     return jnp.einsum("nsj,nsja->na", place, jax.lax.complex(parts[0], parts[1]))
+
+
+def _transformed(angle: Array, value: Array, orders: int) -> Array:
+    """[orders + 1, 3] sums of `value` [K, S, N, 3] exp(-i n angle), `angle` [K, S, N].
+
+    n is split into a coarse and a fine part, so that few exponentials are needed.
+    """
+    angle, value = angle.reshape(-1), value.reshape(-1, 3)
+    fine = int(np.ceil(np.sqrt(orders + 1)))
+    coarse = -(-(orders + 1) // fine)
+    near = jnp.exp(-1j * jnp.arange(fine)[:, None] * angle)[..., None] * value
+    far = jnp.exp(-1j * fine * jnp.arange(coarse)[:, None] * angle)
+    return jnp.einsum("ck,fka->cfa", far, near).reshape(-1, 3)[: orders + 1]
 
 
 def _alike(model: ForceModel) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ SIGNIFICANT = 0.001
 NOTICEABLE = 0.02
 _SLOW_TERMS = 6
 _PERMUTATIONS = 4000
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,9 @@ def dependences(
 ) -> tuple[Dependence, ...]:
     """All tests on the residuals of a dataset's cut trials, the strongest first."""
     band = _independent_share(dataset, predictions)
-    found = [*_periodic(predictions, teeth, orders, band), _slow(predictions, band)]
-    found += [_memory(predictions, orders, band), _axes(predictions, band)]
+    split = [_split(each, orders) for each in predictions]
+    found = [*_periodic(split, teeth, orders, band), _slow(predictions, band)]
+    found += [_memory(split, band), _axes(predictions, band)]
     found += _across(dataset, predictions)
     left, force = (
         sum(float(np.sum(getattr(p, name) ** 2)) for p in predictions)
@@ -93,22 +96,34 @@ def _independent_share(dataset: Dataset, predictions: Sequence[Prediction]) -> f
     return float(np.clip(np.mean(spectrum > 1e-9 * spectrum.max()), 1e-3, 1.0))
 
 
-def _periodic(predictions: Sequence[Prediction], teeth: int, orders: int, band: float) -> list[Dependence]:
+class _Split(NamedTuple):
+    """A residual without its mean: `left` [T, 3], its lines' coefficients on `columns` [T, 2 orders] and what
+    lies between the lines, `rest` [T, 3]."""
+
+    left: Array
+    columns: Array
+    weights: Array
+    rest: Array
+
+
+def _split(prediction: Prediction, orders: int) -> _Split:
+    left = prediction.residual_n - prediction.residual_n.mean(axis=0)
+    columns = basis(prediction.angle_rad, orders)[:, 1:]
+    gram = columns.T @ columns
+    gram.flat[:: len(gram) + 1] += _RIDGE * len(left)
+    weights = np.linalg.solve(gram, columns.T @ left)
+    return _Split(left, columns, weights, left - columns @ weights)
+
+
+def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float) -> list[Dependence]:
     """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between."""
     order = np.repeat(np.arange(1, orders + 1), 2)
     passing = (order % teeth) == 0
     energy, line, whole, freedom, count = np.zeros(2), np.zeros(2), 0.0, 0.0, np.zeros(2)
-    for each in predictions:
-        left = each.residual_n - each.residual_n.mean(axis=0)
-        columns = basis(each.angle_rad, orders)[:, 1:]
-        weights, *_ = np.linalg.lstsq(columns, left, rcond=1e-9)
-        explained = np.array(
-            [np.sum((columns[:, mask] @ weights[mask]) ** 2) for mask in (passing, ~passing)]
-        )
-        line += explained
+    for left, columns, weights, rest in split:
+        line += [np.sum((columns[:, mask] @ weights[mask]) ** 2) for mask in (passing, ~passing)]
         count += 3 * np.array([passing.sum(), (~passing).sum()])
-        between = np.sum((left - columns @ weights) ** 2)
-        energy += between
+        energy += np.sum(rest**2)
         whole += np.sum(left**2)
         freedom += max(3 * (band * len(left) - columns.shape[1]), 1.0)
     results = []
@@ -137,18 +152,14 @@ def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
     return _entry("time in trial", stats.f.sf(statistic, count, freedom), line / max(whole, 1e-300))
 
 
-def _memory(predictions: Sequence[Prediction], orders: int, band: float) -> Dependence:
+def _memory(split: Sequence[_Split], band: float) -> Dependence:
     """Correlation, about one independent sample apart, of what lies between the spindle's lines.
 
     It is counted from that of white noise in the same band.
     """
     lag = max(1, round(1.0 / band))
     product, between, whole, count, expected = 0.0, 0.0, 0.0, 0, 0.0
-    for each in predictions:
-        left = each.residual_n - each.residual_n.mean(axis=0)
-        columns = basis(each.angle_rad, orders)
-        weights, *_ = np.linalg.lstsq(columns, left, rcond=1e-9)
-        rest = left - columns @ weights
+    for left, _, _, rest in split:
         product += float(np.sum(rest[lag:] * rest[:-lag]))
         between += float(np.sum(rest**2))
         whole += float(np.sum(left**2))

@@ -30,12 +30,13 @@ from mjx_cutting.tracing.problem import (
     shared_bias,
 )
 
-_COMPILER = {"xla_backend_optimization_level": 0}
+_COMPILER = {"xla_backend_optimization_level": 1}
 _ROWS = 8
 _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
 _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
+_PROMISE = 1e-2
 Matrix = NDArray[np.floating]
 
 
@@ -78,10 +79,28 @@ class Descent:
         left = np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9)
         return Rows(left, mark.reshape(len(x), -1), error)
 
-    def slope(self, x: Matrix) -> Matrix:
-        """[M + B, U] Jacobian at `x` [U] by forward differences."""
-        left = self.rows(np.concatenate([x[None], x + _STEP * np.eye(len(x))])).left
-        return np.transpose(left[1:] - left[0]) / _STEP
+    def slope(self, x: Matrix, left: Matrix) -> Matrix:
+        """[M + B, U] Jacobian at `x` [U], where the residual is `left` [M + B], by forward differences."""
+        return np.transpose(self.rows(x + _STEP * np.eye(len(x))).left - left) / _STEP
+
+    def promise(self, starts: Matrix, known: Matrix) -> Matrix:
+        """[n] sum of squares that one damped step from each of `starts` [n, U] promises, by linear models.
+
+        Arguments: `known` [M + B', K] Jacobian in the first K unknowns, which the starts share, without the
+            last effect's penalties.
+        """
+        size = starts.shape[1] - known.shape[1]
+        steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size)])
+        tries = starts[:, None] + np.pad(steps, ((0, 0), (known.shape[1], 0)))
+        left = self.rows(tries.reshape(-1, starts.shape[1])).left.reshape(*tries.shape[:2], -1)
+        known = np.pad(known, ((0, left.shape[-1] - len(known)), (0, 0)))
+        promised = []
+        for here, *beside in left:
+            slope = np.column_stack([known, np.transpose(np.asarray(beside) - here) / _STEP])
+            normal, gradient = slope.T @ slope, slope.T @ here
+            step = np.linalg.solve(normal + _PROMISE * _scale(normal), gradient)
+            promised.append(float(np.sum((here - slope @ step) ** 2)))
+        return np.asarray(promised)
 
     def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
         """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""
@@ -103,9 +122,9 @@ class Descent:
 
     def _step(self, x: Matrix, left: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix, float]]:
         """The boldest damped step from `x`; where the best one leads, its residual, its sum of squares."""
-        slope = self.slope(x)
+        slope = self.slope(x, left)
         normal, gradient = slope.T @ slope, slope.T @ left
-        scale = np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(x) + 1e-12)
+        scale = _scale(normal)
         tries = np.stack([x - np.linalg.solve(normal + damping * scale, gradient) for damping in _DAMPING])
         reached = self.rows(tries).left
         each = np.sum(reached**2, axis=1)
@@ -117,7 +136,8 @@ class Descent:
 
         What a fold leaves out moves the optimum little, so the slope at the common start serves them all.
         """
-        everywhere, start = self.slope(x), self.rows(x[None]).left[0]
+        start = self.rows(x[None]).left[0]
+        everywhere = self.slope(x, start)
         penalties = len(start) - self.measured
         mask = np.repeat(use, self.measured // self.problem.trials, axis=1)
         mask = np.concatenate([mask, np.ones((len(use), penalties))], axis=1)
@@ -152,6 +172,11 @@ class Descent:
         model: ForceModel = jax.vmap(lambda each: model_at(self.problem, each, self.effects))(jnp.asarray(x))
         whole: Any = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(x), *np.shape(leaf)[1:])), model)
         return Fit(x, cost, squares, rows.error_n2, whole, np.isfinite(cost))  # type: ignore[arg-type]
+
+
+def _scale(normal: Matrix) -> Matrix:
+    """[U, U] what damping multiplies: the diagonal, kept above zero."""
+    return np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(normal) + 1e-12)
 
 
 @partial(jax.jit, static_argnums=2, compiler_options=_COMPILER)

@@ -7,6 +7,7 @@ a value (`ok` False), never an exception.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,11 +19,21 @@ import optimistix as optx
 from jax import Array
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel
-from mjx_cutting.tracing.problem import CONSTANTS, Problem, model_at, out_of_range, rescaled, residual
+from mjx_cutting.tracing.problem import (
+    CONSTANTS,
+    Problem,
+    model_at,
+    model_lines,
+    out_of_range,
+    rescaled,
+    residual_of_lines,
+    shared_bias,
+)
 
 Effects = tuple[type[AbstractEffect], ...]
 _TOLERANCE = 1e-4
 _STEPS = 40
+_DIFFERENCE = 1e-6
 _ROWS = 8
 STIFFNESS = 1e3
 _DAMPING_OF_UNKNOWNS = 1e-3
@@ -105,12 +116,34 @@ def _fit_rows(
     return jax.tree.map(lambda leaf: leaf[: len(starts)], whole)
 
 
+def by_differences(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """The function [U] -> [...] with its derivative taken by forward differences.
+
+    Compiling the derivative of a force model costs several times what compiling the model does.
+    """
+    differenced = jax.custom_jvp(function)
+
+    def jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+        (x,), (direction,) = primals, tangents
+        values = jax.lax.map(function, jnp.concatenate([x[None], x + _DIFFERENCE * jnp.eye(len(x))]))
+        slope = (values[1:] - values[0]) / _DIFFERENCE
+        return values[0], jnp.tensordot(direction, slope, axes=1)
+
+    differenced.defjvp(jvp)
+    return differenced
+
+
 @partial(jax.jit, static_argnums=1, compiler_options={"xla_backend_optimization_level": 1})
 def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) -> Fit:
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
 
+    def lines_at(x: Array) -> Array:
+        return model_lines(problem, model_at(problem, x, effects))
+
+    differenced = by_differences(lines_at)
+
     def misfit(x: Array, use_row: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        left = residual(problem, x, effects)
+        left = residual_of_lines(problem, differenced(x), shared_bias(problem, x))
         used = left.weighted * use_row[:, None, None]
         outside = STIFFNESS * out_of_range(problem, x, effects)
         unsure = _DAMPING_OF_UNKNOWNS * x[CONSTANTS:]

@@ -1,10 +1,10 @@
 """A first look at every effect of the library: a short fit of each beside the model so far, to choose which
 are worth a full one, and what of each the trials could show at all.
 
-Each effect descends a few steps from each of its starts, then further from the best (`descent`). The same
-numbers give the two figures of an isolability analysis: how much of an effect's mark on the lines survives
-refitting what is in the model already (phases and biases with it), and the cosine between what survives of
-two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
+Each effect descends a few steps from its most promising starts, then further from the best (`descent`). The
+same numbers give the two figures of an isolability analysis: how much of an effect's mark on the lines
+survives refitting what is in the model already (phases and biases with it), and the cosine between what
+survives of two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, effect_starts
 from mjx_cutting.tracing.problem import Problem, residual
 
-_FIRST_STEPS = 1
-_MORE_STEPS = 3
-_STEPS = 6
+_TRIED = 3
+_FIRST_STEPS = 2
+_STEPS = 8
 _EXPLAINS = 1e-2
 Matrix = NDArray[np.floating]
 
@@ -61,20 +61,24 @@ def screen(
     """Each of `kinds` beside the model with `effects` at its fitted unknowns `x`, the most telling first."""
     here = np.asarray(x)
     so_far = Descent(problem, effects, np.asarray(residual(problem, x, effects).phase_rad))
-    squares = float(np.sum(so_far.rows(here[None]).left ** 2))
-    span = np.linalg.qr(so_far.slope(here)[: so_far.measured])[0]
+    left = so_far.rows(here[None]).left[0]
+    slope = so_far.slope(here, left)
     found = []
     for kind in kinds:
         progress(f"screening {kind.name}")
-        found.append(_screen(so_far, here, squares, span, kind))
+        found.append(_screen(so_far, here, float(left @ left), slope, kind))
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
-def _screen(so_far: Descent, x: Matrix, squares: float, span: Matrix, kind: type[AbstractEffect]) -> Screened:
+def _screen(
+    so_far: Descent, x: Matrix, squares: float, slope: Matrix, kind: type[AbstractEffect]
+) -> Screened:
     both = Descent(so_far.problem, (*so_far.effects, kind), so_far.phase_rad)
+    span = np.linalg.qr(slope[: so_far.measured])[0]
     starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
+    if len(starts) > _TRIED:
+        starts = starts[np.argsort(both.promise(starts, slope))[:_TRIED]]
     tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
-    tries = sorted((both.descend(each, _MORE_STEPS) for each, _ in tries[:2]), key=lambda each: each[1])
     best, reached = both.descend(tries[0][0], _STEPS)
     share = max(0.0, 1.0 - reached / max(squares, 1e-300))
     shown = best if share > _EXPLAINS else starts[0]

@@ -102,7 +102,7 @@ def search(
     progress("base model")
     base = fit(problem, (), base_starts(problem))
     problem = reweighted(problem, base)
-    base = fit(problem, (), base_starts(problem))
+    base = fit(problem, (), np.asarray(base.x)[None])
     base_heldout = held_out(problem, lines, (), base.x, fold)
     effects: Effects = ()
     current, heldout = base, base_heldout
