@@ -80,11 +80,12 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
     after = _within_reach(dataset, lines, found, centres, stated)
     parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", value, np.array(laws), error)}
     # the trials speak through the law of the losses, of which few may be beyond what a stated speed may err
-    decision = decide(kind, before, found.base, p_chance * 0.01 / CHANCE, parameters, over_trials=False)
+    rigid = _within_reach(dataset, lines, found, stated, stated)
+    decision = decide(kind, rigid, after, p_chance * 0.01 / CHANCE, parameters, over_trials=False)
     effect = kind(float(value))
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
     candidate = SlowCandidate(kind, effect, after, decision, silent)
-    tried = SlowRound(before, (candidate,), candidate if decision.accepted else None)
+    tried = SlowRound(rigid, (candidate,), candidate if decision.accepted else None)
     shown = predictions(dataset, near, problem, base.model, shared_bias(problem, base.x))
     return Droop(tried, before, shown, _evidence(loss / stated, torque, p_chance))
 

@@ -73,8 +73,9 @@ def spindle_speed(trial: Trial, teeth: int, about_rev_s: float | None = None) ->
     candidates, step = _candidates(middle, SPREAD, SPREAD, time, orders)
     power = _coarse_power(signal, time, orders, candidates, teeth) @ _weights(orders, teeth)
     best = float(candidates[int(np.argmax(power))])
-    strength = _comb(signal, time, orders, best, teeth)
+    strength = _comb(signal, time, orders, best, teeth) * _standing_alone(time, orders, best)
     strongest = orders[np.argsort(strength)[-_REFINED:]]
+    strongest = strongest[np.sort(strength)[-_REFINED:] > 0.0]
     # the coarse spectrum cannot place the peak better than a bin of its strongest line
     bin_rev_s = 1.0 / (_PAD * time[-1] * orders[int(np.argmax(strength))])
     near = best + step * np.arange(-int(bin_rev_s / step) - 1, int(bin_rev_s / step) + 2)
@@ -257,11 +258,15 @@ def _refine(
 
 
 def _comb(signal: Array, time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int) -> Array:
-    """[F] exact weighted energy of the record at each order of a speed; nothing is counted twice."""
-    frequency = orders * speed_rev_s
-    rate_hz = (len(time) - 1) / time[-1]
+    """[F] exact energy of the record at each order of a speed, weighted."""
+    wave = np.exp(-2j * np.pi * np.multiply.outer(orders * speed_rev_s, time))
+    return np.sum(np.abs(wave @ signal) ** 2, axis=1) * _weights(orders, teeth)
+
+
+def _standing_alone(time: Array, orders: NDArray[np.int64], speed_rev_s: float) -> Array:
+    """[F] 1 for the orders whose lines no other comes near after sampling; all, where there is no such."""
+    frequency, rate_hz = orders * speed_rev_s, (len(time) - 1) / time[-1]
     folded = np.abs(frequency - rate_hz * np.round(frequency / rate_hz))
-    wave = np.exp(-2j * np.pi * np.multiply.outer(frequency, time))
-    energy = np.sum(np.abs(wave @ signal) ** 2, axis=1)
-    heard = _apart(folded[None], orders, teeth, time[-1])[0]
-    return energy * heard * _weights(orders, teeth)
+    near = np.abs(np.subtract.outer(folded, folded)) < _RESOLVED / time[-1]
+    alone = (near.sum(axis=1) == 1).astype(float)
+    return alone if alone.any() else np.ones(len(orders))
