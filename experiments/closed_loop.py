@@ -44,6 +44,12 @@ HIDDEN: dict[str, dict[str, Any]] = {
 }
 """Sets of hidden effects by name, tables as in the cell's TOML file."""
 
+CANDIDATES = (
+    "radial_runout", "unequal_pitch", "broken_tooth", "size_effect", "ploughing", "flank_wear",
+    "thermal_drift", "material_periodicity", "layered_material",
+)  # fmt: skip
+"""Effects that tracing tries: those of tool and sheet that our simulation can carry, and drift of the sensor."""
+
 LABELS = {"direct": "direct", "gp_only": "GP only", "effect_only": "effect", "effect_and_gp": "effect + GP"}
 
 
@@ -70,7 +76,7 @@ class ClosedLoopConfig:
     rounds: int = 1
     trials: int = 9
     cuts: int = 3
-    candidates: tuple[str, ...] = ("radial_runout", "unequal_pitch", "size_effect")
+    candidates: tuple[str, ...] = CANDIDATES
     size: str = "cpu"
     seed: int = 0
     quiet: bool = False

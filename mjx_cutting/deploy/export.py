@@ -60,11 +60,17 @@ def export_policy(
 
 
 def build_run(
-    run: str | os.PathLike[str], *, pairs: int = 64, seed: int = 0, allow_failed_check: bool = False
+    run: str | os.PathLike[str],
+    *,
+    pairs: int = 64,
+    seed: int = 0,
+    check: bool = True,
+    allow_failed_check: bool = False,
 ) -> Artefact:
-    """Returns the checked artefact of the policy in a run folder of train or adapt, without writing it.
+    """Returns the artefact of the policy in a run folder of train or adapt, without writing it.
 
-    What its observations mean (frames, how the force was averaged) comes from the run's settings.
+    What its observations mean (frames, how the force was averaged) comes from the run's settings. It is
+    checked in the virtual cell, unless `check` is False: for a policy that is flown there anyway.
 
     Raises:
         ValueError: there is no policy or it is not whole, the settings are not readable, an argument is out
@@ -75,7 +81,7 @@ def build_run(
     provenance = {"run": Path(run).resolve().name, "env": dict(env)}  # the server reads tool and feed there
     conventions = _conventions(env)
     artefact = build(policy, provenance=provenance, conventions=conventions, pairs=pairs, seed=seed)
-    return checked(artefact, allow_failed=allow_failed_check)
+    return checked(artefact, allow_failed=allow_failed_check) if check else artefact
 
 
 def _conventions(env: Mapping[str, Any]) -> dict[str, str]:

@@ -29,7 +29,7 @@ from mjx_cutting import runs
 from mjx_cutting._files import write_atomic
 from mjx_cutting.deploy.artefact import Artefact
 from mjx_cutting.deploy.virtual_cell import Cell, CellConfig, Hidden, load
-from mjx_cutting.learning.settings import require
+from mjx_cutting.learning.settings import PPOConfig, require
 from mjx_cutting.loop.cell_cut import cell_config, reward
 from mjx_cutting.sim.config import EnvConfig
 
@@ -37,6 +37,15 @@ STRATEGIES = ("direct", "gp_only", "effect_only", "effect_and_gp")
 CANDIDATES = ("radial_runout", "unequal_pitch", "size_effect")
 BAND_HZ = (0.0, 120.0)
 MOST_TRIALS = 20
+REFINE = PPOConfig(
+    steps=300_000,
+    envs=32,
+    minibatches=4,
+    learning_rate=3e-4,
+    learning_rate_final=1e-4,
+    noise_scale=0.5,
+)
+"""PPO on the sheet at hand; the paper's 50 episodes at a learning rate of 1e-3 made experts worse here."""
 SMOKE = EnvConfig(approach_m=0.005, cut_m=0.03, max_episode_s=8.0)
 
 
@@ -179,7 +188,7 @@ class _Work:
         from mjx_cutting.deploy.export import build_run
         from mjx_cutting.loop import rounds_record as recording
 
-        like = build_run(self.expert, allow_failed_check=True)
+        like = build_run(self.expert, check=False)
         served = [self.served] if self.served is not None else []
         probes = recording.probes(like, self.config.trials - len(served), self.config.seed + index)
         record = recording.record_udp if self.config.udp else recording.record
@@ -220,7 +229,12 @@ class _Work:
             return {**found, "effect_only": self.expert, "effect_and_gp": found["gp_only"]}
         found["effect_only"] = adapt(
             AdaptConfig(
-                expert=self.expert, strategy="fine_tune", model=model, out=place / "effect_only", **shared
+                expert=self.expert,
+                strategy="fine_tune",
+                model=model,
+                ppo=None if self.config.preset == "smoke" else REFINE,
+                out=place / "effect_only",
+                **shared,
             )
         )
         rest = fit_rest(tracing.after, self.env, place / "gp_after.npz")
@@ -242,6 +256,6 @@ class _Work:
         from mjx_cutting.deploy.export_check import Lockstep
         from mjx_cutting.deploy.runtime import PolicyRuntime, save_verified
 
-        save_verified(build_run(policy, allow_failed_check=True), path)
+        save_verified(build_run(policy, check=False), path)
         lockstep = Lockstep(self._cell(self.config.seed + 7), PolicyRuntime.load(path))
         return [lockstep.fly(longest_s=self.env.max_episode_s).score for _ in range(self.config.cuts)]
