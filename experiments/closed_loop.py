@@ -48,7 +48,7 @@ CANDIDATES = (
     "radial_runout", "unequal_pitch", "broken_tooth", "size_effect", "ploughing", "flank_wear",
     "thermal_drift", "material_periodicity", "layered_material",
 )  # fmt: skip
-"""Effects that tracing tries: those of tool and sheet that our simulation can carry, and drift of the sensor."""
+"""Effects that tracing tries: of tool and sheet, which our simulation can carry, and drift of the sensor."""
 
 LABELS = {"direct": "direct", "gp_only": "GP only", "effect_only": "effect", "effect_and_gp": "effect + GP"}
 
