@@ -34,7 +34,7 @@ Effects = tuple[type[AbstractEffect], ...]
 _TOLERANCE = 1e-4
 _STEPS = 40
 _DIFFERENCE = 1e-6
-_ROWS = 8
+_ROWS = 4
 STIFFNESS = 1e3
 _DAMPING_OF_UNKNOWNS = 1e-3
 
@@ -69,10 +69,7 @@ def fit(problem: Problem, effects: Effects, starts: np.ndarray[Any, Any]) -> Fit
 def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
     """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force."""
     rows = [
-        [1.0, radial, 0.2 * sign, edge, radial * edge, 0.1 * edge * sign]
-        for radial in (0.15, 0.5)
-        for edge in (0.1, 1.0)
-        for sign in (-1.0, 1.0)
+        [1.0, radial, 0.2, edge, radial * edge, 0.1 * edge] for radial in (0.15, 0.5) for edge in (0.1, 1.0)
     ]
     bias = [0.0] * (3 if problem.shared_bias else 0)
     return np.asarray([row + bias for row in rows])

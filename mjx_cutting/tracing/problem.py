@@ -114,7 +114,9 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         whitened=jnp.asarray(lines.whitened),
         factor=jnp.asarray(lines.factor),
         present=jnp.asarray(lines.present),
-        gain=jnp.asarray(_filter_gain(dataset, lines) * _helix_gain(dataset, trials, lines.orders)),
+        gain=jnp.asarray(
+            line_gain(dataset, lines.speed_rev_s, np.array([t.axial_width_m for t in trials]), lines.orders)
+        ),
         weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * _rms_by_axis(dataset, lines, rms)) ** 2)),
         bias_spread_n=jnp.full(3, 0.0 if known else _BIAS_SPREAD * rms),
         scale=jnp.asarray(
@@ -240,10 +242,15 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     return lines * problem.gain[..., None]
 
 
+def as_measured(problem: Problem, lines: Array) -> Array:
+    """[R, P, 3] lines [R, orders + 1, 3] as `Problem.whitened` holds those of a record."""
+    real = jax.vmap(_real)(lines, problem.present)
+    return jnp.einsum("rqp,rqa->rpa", problem.factor, real)
+
+
 def marks(problem: Problem, lines: Array, phase_rad: Array) -> Array:
     """[R, P, 3] lines [R, orders + 1, 3] at given phases [R], whitened and weighted as the residual is."""
-    real = jax.vmap(_real)(jax.vmap(_turned)(lines, phase_rad), problem.present)
-    return jnp.einsum("rqp,rqa->rpa", problem.factor, real) * problem.weight
+    return as_measured(problem, jax.vmap(_turned)(lines, phase_rad)) * problem.weight
 
 
 def _solve_trial(
@@ -302,8 +309,18 @@ def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> 
     return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
 
 
-def _filter_gain(dataset: Dataset, lines: Lines) -> np.ndarray[Any, Any]:
-    frequency = np.multiply.outer(lines.speed_rev_s, np.arange(lines.orders + 1))
+def line_gain(
+    dataset: Dataset, speed_rev_s: np.ndarray[Any, Any], width_m: np.ndarray[Any, Any], orders: int
+) -> np.ndarray[Any, Any]:
+    """[R, orders + 1] complex response at each order of the known anti-alias filter and of the helix.
+
+    Arguments: dataset; `speed_rev_s` [R] spindle speeds; `width_m` [R] widths of cut; highest order.
+    """
+    frequency = np.multiply.outer(speed_rev_s, np.arange(orders + 1))
+    return _filter_gain(dataset, frequency) * _helix_gain(dataset, width_m, orders)
+
+
+def _filter_gain(dataset: Dataset, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     alias = dataset.sensor.anti_alias
     if alias is None:
         return np.ones_like(frequency, dtype=complex)
@@ -312,9 +329,8 @@ def _filter_gain(dataset: Dataset, lines: Lines) -> np.ndarray[Any, Any]:
     return np.abs(gain) ** 2 + 0j if alias.zero_phase else gain
 
 
-def _helix_gain(dataset: Dataset, trials: Sequence[Trial], orders: int) -> np.ndarray[Any, Any]:
+def _helix_gain(dataset: Dataset, width: np.ndarray[Any, Any], orders: int) -> np.ndarray[Any, Any]:
     """[R, orders + 1] mean of exp(-i n lag) over the width of cut."""
-    width = np.array([trial.axial_width_m for trial in trials])
     lag = 2.0 * width * np.tan(dataset.tool.helix_rad) / dataset.tool.diameter_m
     half = 0.5 * np.multiply.outer(lag, np.arange(orders + 1))
     return np.sinc(half / np.pi) * np.exp(-1j * half)

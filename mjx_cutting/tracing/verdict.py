@@ -15,13 +15,18 @@ from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit
-from mjx_cutting.tracing.search import Round, Search, parameters
+from mjx_cutting.tracing.problem import Problem, shared_bias
+from mjx_cutting.tracing.search import Candidate, Round, Search, parameters
+from mjx_cutting.tracing.separation import separations
 from mjx_cutting.tracing.slow import SlowRound
+from mjx_cutting.tracing.unseen import BESIDE_LINES, needs
 from mjx_cutting.trials.dataset import Dataset
 
 FORMAT = "mjx-cutting-verdict/1"
 AT_FLOOR = 1.1
 TIED = 2.0
+_TELLING = 5.0
+_WIDER = "trials over a wider range of speed and feed"
 
 
 def verdict(
@@ -43,7 +48,7 @@ def verdict(
     """
     floor = noise_floor(dataset, lines)
     accepted = [each for each in found.rounds if each.accepted is not None]
-    ambiguous = [pair for pair in map(_tie, accepted) if pair is not None]
+    ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
     values = parameters(found.effects, found.final_fit, found.final)
     named = [_effect(each, own, evidence) for each, own in zip(accepted, values, strict=True)]
     named += [_effect(each, each.accepted.decision.parameters, evidence) for each in slow if each.accepted]
@@ -95,8 +100,8 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
             missing.append({"name": name, "needs": ", ".join(absent)})
         elif dataset.tool.kind in LEVEL_KINDS and not _shows_in_levels(effect_class(name)):
             missing.append({"name": name, "needs": "a cutter whose force changes over a turn"})
-        elif not effect_class(name).steady and name not in slow:
-            missing.append({"name": name, "needs": "a fit to the whole record, which tracing does not make"})
+        elif not effect_class(name).steady and name not in slow and name not in BESIDE_LINES:
+            missing.append({"name": name, "needs": needs(name)})
     return missing
 
 
@@ -172,7 +177,7 @@ def _effect(
     }
 
 
-def _tie(each: Round) -> dict[str, Any] | None:
+def _tie(each: Round, dataset: Dataset, lines: Lines, found: Search) -> dict[str, Any] | None:
     """The accepted effect and another that passed every test and is not worse beyond two standard errors."""
     assert each.accepted is not None
     best = each.accepted.heldout
@@ -185,15 +190,26 @@ def _tie(each: Round) -> dict[str, Any] | None:
             first = np.ravel(best.error_n2 - each.before.error_n2)
             second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
             cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300)
-            settles = each.accepted.kind.confused_with.get(other.kind.name) or other.kind.confused_with.get(
-                each.accepted.kind.name, "trials over a wider range of speed and feed"
-            )
             return {
                 "names": [each.accepted.kind.name, other.kind.name],
                 "cosine": float(cosine),
-                "separating_trial": settles,
+                "separating_trial": _settles(each.accepted, other, dataset, lines, found.problem),
             }
     return None
+
+
+def _settles(first: Candidate, second: Candidate, dataset: Dataset, lines: Lines, problem: Problem) -> str:
+    """The cheapest further trial that tells two candidates apart, in words, with what it would bring."""
+    known = first.kind.confused_with.get(second.kind.name) or second.kind.confused_with.get(first.kind.name)
+    if dataset.tool.kind in LEVEL_KINDS:
+        return known or _WIDER
+    models = first.fit.model, second.fit.model
+    bias = shared_bias(problem, first.fit.x), shared_bias(problem, second.fit.x)
+    best = separations(dataset, lines, problem, *models, bias)[0]
+    if best.sigma < _TELLING:
+        return f"{known or _WIDER}; no repeat of a trial at another feed, depth or speed would do it"
+    also = f"; {known}" if known else ""
+    return f"{best.trial}: the two predictions of it lie {best.sigma:.0f} standard deviations apart{also}"
 
 
 def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence]) -> dict[str, Any]:
