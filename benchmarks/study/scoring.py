@@ -84,7 +84,9 @@ def _parameter(found: dict[str, Any], true: dict[str, Any]) -> dict[str, Any]:
     if told is None:
         return {"name": name, "true": _plain(true[name])}
     known = np.atleast_1d(np.asarray(true[name], float))
-    value, low, high = (_array(told[word], known.size) for word in ("value", "low", "high"))
+    value, low, high = (
+        _array(told.get(f"{word}s", told[word]), known.size) for word in ("value", "low", "high")
+    )
     if found["name"] == "unequal_pitch":
         turns = [np.roll(known, shift) for shift in range(known.size)]
         known = min(turns, key=lambda turn: float(np.nansum((turn - value) ** 2)))

@@ -33,12 +33,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter with its interval, in `unit`; for one value a tooth, the tooth of the largest deviation."""
+    """A parameter with its interval, in `unit`; of several values (teeth, axes) the surest, all in `values`
+    with `half`, half the width of each interval."""
 
     value: float
     low: float
     high: float
     unit: str
+    values: tuple[float, ...] = ()
+    half: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,15 +94,21 @@ def gain_over_trials(before: HeldOut, after: HeldOut) -> tuple[float, float]:
 
 
 def interval(
-    kind: type[AbstractEffect], name: str, whole: Any, by_fold: Any, laplace: float = 0.0
+    kind: type[AbstractEffect],
+    name: str,
+    whole: Any,
+    by_fold: Any,
+    laplace: float = 0.0,
+    model_error: Any = 0.0,
 ) -> Interval:
     """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
-    wider.
+    wider, and beside it what the model's own error may do.
 
     Arguments:
         whole: [] or [N] value fitted on all trials.
         by_fold: [F] or [F, N] values of the folds.
         laplace: standard error by curvature.
+        model_error: [] or [N] distance that the tolerated model error may move each value.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
@@ -112,8 +121,10 @@ def interval(
     # the surest entry; what the trials do not move at all says nothing, unless nothing moves
     sure = np.abs(value) / np.maximum(error, 1e-9 * np.abs(value) + 1e-300)
     tooth = int(np.argmax(np.where(error > 0.0, sure, -1.0) if error.max() > 0.0 else np.abs(value)))
-    half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * error[tooth])
-    return Interval(float(value[tooth]), float(value[tooth]) - half, float(value[tooth]) + half, unit)
+    half = stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * error + np.ravel(model_error)
+    most, wide = float(value[tooth]), float(half[tooth])
+    several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
+    return Interval(most, most - wide, most + wide, unit, *several)
 
 
 def decide(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
-from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.decision import Decision, Interval, chance, decide, interval
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import (
     Effects,
@@ -28,6 +28,7 @@ from mjx_cutting.tracing.fit import (
 )
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.model_error import model_errors, tolerated
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.tracing.screening import Screened, screen
 
@@ -151,24 +152,25 @@ def _try(
         drop=float(before.squares - found.squares),
         added=len(found.x) - len(before.x),
         spread=spread(problem, found),
-        floor=_tolerated(problem, lines, freedom(problem, found)),
+        floor=tolerated(problem, lines) / np.sqrt(freedom(problem, found)),
         freedom=freedom(problem, found),
         tries=sum(len(each.starts(problem.tool)) for each in tried),
     )
-    decision = decide(kind, before_heldout, after, p, parameters(effects, found, after)[-1])
+    decision = decide(kind, before_heldout, after, p, parameters(problem, lines, effects, found, after)[-1])
     return Candidate(kind, found, after, decision)
 
 
-def parameters(effects: Effects, found: Fit, heldout: HeldOut) -> list[dict[str, Interval]]:
+def parameters(
+    problem: Problem, lines: Lines, effects: Effects, found: Fit, heldout: HeldOut
+) -> list[dict[str, Interval]]:
     """Parameters of every effect with their intervals, by name, in the order of `effects`."""
     assert heldout.fits is not None
+    errors = model_errors(problem, lines, effects, found.x)
+    fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=True)
     return [
-        {name: interval(kind, name, getattr(whole, name), getattr(by_fold, name)) for name in kind.parameters}
-        for kind, whole, by_fold in zip(effects, found.model.effects, heldout.fits.model.effects, strict=True)
+        {
+            name: interval(kind, name, getattr(whole, name), getattr(by_fold, name), model_error=error[name])
+            for name in kind.parameters
+        }
+        for kind, whole, by_fold, error in fitted
     ]
-
-
-def _tolerated(problem: Problem, lines: Lines, freedom: int) -> float:
-    """Standard deviation per degree of freedom that the tolerated model error makes."""
-    energy = float(np.sum(lines.energy_n2 * np.asarray(problem.weight) ** 2))
-    return TOLERANCE * np.sqrt(energy / freedom)

@@ -17,7 +17,7 @@ from scipy import stats
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
 from mjx_cutting.tracing.course import KINDS, Course, Kind, along_path, as_values
-from mjx_cutting.tracing.decision import Decision, Interval, decide, gain_over_trials, interval
+from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, decide, gain_over_trials, interval
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.prediction import Prediction, wave
@@ -172,7 +172,8 @@ def _try(
     gain, spread = gain_over_trials(before, after)
     folds = max(len(by_fold) - 1, 1)
     p = tries * float(stats.t.sf(gain / max(spread, 1e-300), folds)) if np.isfinite(spread) else 1.0
-    decision = decide(kind.effect, before, after, min(p, 1.0), _intervals(kind, effect, by_fold))
+    accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, TOLERANCE**2)))
+    decision = decide(kind.effect, before, after, min(p, 1.0), _intervals(kind, effect, by_fold, accounted))
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)
@@ -203,13 +204,16 @@ def _in_each(kind: Kind, found: Sums, shape: int, c: Array, weight: Array) -> Ar
 _IN_POSITION = ("material_periodicity", "layered_material")
 
 
-def _intervals(kind: Kind, effect: AbstractEffect, by_fold: list[dict[str, Array]]) -> dict[str, Interval]:
-    whole = as_values(effect)
-    return {
-        name: interval(kind.effect, name, whole[name], np.stack([each[name] for each in by_fold]))
-        for name in kind.effect.parameters
-        if name in whole
-    }
+def _intervals(
+    kind: Kind, effect: AbstractEffect, by_fold: list[dict[str, Array]], accounted: float
+) -> dict[str, Interval]:
+    """Intervals by name; the strength may be off by what the model's own error is to what it accounts for."""
+    whole, found = as_values(effect), {}
+    for name in (each for each in kind.effect.parameters if each in whole):
+        error = TOLERANCE / accounted * np.abs(whole[name]) if name == kind.effect.strength else 0.0
+        by_name = np.stack([each[name] for each in by_fold])
+        found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error)
+    return found
 
 
 def _free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -> float:

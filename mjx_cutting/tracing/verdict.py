@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.course import KINDS
-from mjx_cutting.tracing.decision import Interval
+from mjx_cutting.tracing.decision import TOLERANCE, Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.levels import LEVEL_KINDS
@@ -49,7 +49,9 @@ def verdict(
     floor = noise_floor(dataset, lines)
     accepted = [each for each in found.rounds if each.accepted is not None]
     ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
-    values = parameters(found.effects, found.final_fit, found.final)
+    values = (
+        parameters(found.problem, lines, found.effects, found.final_fit, found.final) if found.effects else []
+    )
     named = [_effect(each, own, evidence) for each, own in zip(accepted, values, strict=True)]
     named += [_effect(each, each.accepted.decision.parameters, evidence) for each in slow if each.accepted]
     end = final(found, slow)
@@ -141,12 +143,13 @@ def _word(
     before: list[Dependence],
     left: list[Dependence],
 ) -> str:
+    reached = float(np.hypot(AT_FLOOR * floor, TOLERANCE))
     if not named:
-        missing = base.nrmse > AT_FLOOR * floor and any(each.found for each in before)
+        missing = base.nrmse > reached and any(each.found for each in before)
         return "unexplained" if missing else "nothing missing"
     if tied:
         return "ambiguous"
-    return "partly explained" if end.nrmse > AT_FLOOR * floor or left else "explained"
+    return "partly explained" if end.nrmse > reached or left else "explained"
 
 
 def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:
@@ -166,15 +169,21 @@ def _effect(
         "name": each.accepted.kind.name,
         "heldout_gain": each.accepted.decision.gain,
         "gain_standard_error": _plain(each.accepted.decision.gain_standard_error),
-        "parameters": {
-            name: {"value": _plain(v.value), "low": _plain(v.low), "high": _plain(v.high), "unit": v.unit}
-            for name, v in values.items()
-        },
+        "parameters": {name: _parameter(value) for name, value in values.items()},
         "runner_up": None
         if runner_up is None
         else {"name": runner_up.kind.name, "heldout_nrmse": runner_up.heldout.nrmse},
         "evidence": evidence.get(each.accepted.kind.name, []),
     }
+
+
+def _parameter(found: Interval) -> dict[str, Any]:
+    """One parameter: the surest value, and all of them where there are several."""
+    told: dict[str, Any] = {"value": found.value, "low": found.low, "high": found.high}
+    if found.values:
+        value, half = np.asarray(found.values), np.asarray(found.half)
+        told |= {"values": value, "lows": value - half, "highs": value + half}
+    return {**{name: _plain(each) for name, each in told.items()}, "unit": found.unit}
 
 
 def _tie(each: Round, dataset: Dataset, lines: Lines, found: Search) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjx_cutting.cutting.effects import RadialRunout, SensorResonance, SizeEffect
+from mjx_cutting.cutting.effects import RadialRunout, SensorResonance, SizeEffect, UnequalPitch
 from mjx_cutting.tracing.decision import Interval, chance, decide, gain_over_trials, interval
 from mjx_cutting.tracing.heldout import HeldOut
 
@@ -80,6 +80,15 @@ def test_interval_is_a_jackknife_over_folds():
     error = np.sqrt(3 / 4 * np.sum((folds - folds.mean()) ** 2))
     assert found.high - found.value == pytest.approx(3.182446 * error, rel=1e-5)
     assert interval(SizeEffect, "exponent", whole, folds, laplace=9.0).high > 30.0
+    wider = interval(SizeEffect, "exponent", whole, folds, model_error=0.5)
+    assert wider.high == pytest.approx(found.high + 0.5) and wider.low == pytest.approx(found.low - 0.5)
+
+
+def test_of_several_values_the_surest_speaks_and_all_are_told():
+    whole, folds = np.array([1.0, -5.0]), np.array([[1.0, -5.1], [1.1, -4.9], [0.9, -5.0]])
+    found = interval(UnequalPitch, "pitch_error_rad", whole, folds)
+    assert found.value == -5.0 and found.values == (1.0, -5.0)
+    assert found.high - found.value == pytest.approx(found.half[1])
 
 
 def test_an_angle_does_not_jump_at_a_half_turn():
