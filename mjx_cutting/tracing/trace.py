@@ -20,11 +20,13 @@ from mjx_cutting.tracing.droop import find_droop
 from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.isolability import isolability
-from mjx_cutting.tracing.levels import as_levels
+from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.lines import Lines, compress, trusted_band
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
 from mjx_cutting.tracing.search import Search, search
+from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
+from mjx_cutting.tracing.selfexcited import find_vibration
 from mjx_cutting.tracing.slow import SlowRound, courses, search_slow
 from mjx_cutting.tracing.verdict import final, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
@@ -111,6 +113,14 @@ def trace(
             for index, one in enumerate(after)
         )
         model = model.with_effects(*(each.effect for each in accepted))
+        shaken = None
+        if any(kind.name == VIBRATION for kind in kinds) and dataset.tool.kind not in LEVEL_KINDS:
+            progress("lines off the spindle's multiples")
+            shaken = find_vibration(dataset, lines, after, final(found, slow), weight)
+        if shaken is not None and shaken.round.accepted is not None:
+            slow = (*slow, shaken.round)
+            waves = zip(after, shaken.round.accepted.added_n, strict=True)
+            after = tuple(replace(one, predicted_n=one.predicted_n + wave) for one, wave in waves)
         droop = find_droop(dataset, lines, found) if any(kind.name == DROOP for kind in kinds) else None
         if droop is not None and droop.round.accepted is not None:
             found, before = replace(found, base=droop.base), droop.before
@@ -124,6 +134,8 @@ def trace(
         reasons = {kind.name: evidence(kind, dataset, before, after) for kind in named}
         if droop is not None and droop.round.accepted is not None:
             reasons[DROOP] = [*reasons[DROOP], *droop.evidence]
+        if shaken is not None and shaken.round.accepted is not None:
+            reasons[VIBRATION] = [*reasons[VIBRATION], *shaken.evidence]
         word = verdict(dataset, lines, found, slow, depends_before, depends_after, reasons)
     return Tracing(
         dataset, lines, found, slow, base_model, model, before, after, depends_before, depends_after, word

@@ -1,0 +1,31 @@
+"""Why a record of steady cuts cannot show an effect, and which trial would."""
+
+from __future__ import annotations
+
+BESIDE_LINES = ("regenerative_chatter",)
+"""Effects that are not steady and that tracing looks for in a way of their own."""
+
+_NEEDS = {
+    "hysteresis": (
+        "trials in which the feed reverses: while it goes one way the friction of the drive is a constant "
+        "along the feed, as a bias is; cut, stop, go back and cut on, at two feeds"
+    ),
+    "process_damping": (
+        "the tool's vibration while it cuts, which no force record holds: measure it at the tool, or find "
+        "the depth at which chatter sets in at a quarter of the speed and at the full speed"
+    ),
+    "clamp_mode": (
+        "the frequency of a mode along the path, which the lines of whole trials blur: cut slowly past the "
+        "clamp at a speed whose tooth passing lies near the mode, with the position recorded, or tap the "
+        "sheet at three places"
+    ),
+    "entry_exit": (
+        "a fit to the ramps at both ends of the sheet: leave the ends out of the trials, or give one trial "
+        "that begins in air and one that ends in air"
+    ),
+}
+
+
+def needs(name: str) -> str:
+    """What would have to be measured to show an effect that tracing does not look for."""
+    return _NEEDS.get(name, "a fit to the whole record, which tracing does not make")
