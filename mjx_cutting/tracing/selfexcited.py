@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.decision import Decision, Interval, gain_over_trials
@@ -44,7 +45,7 @@ _SPREAD = 0.15
 _MOST_ALIKE = 0.6
 _LEAST_FALL = 0.1
 _MOST_LINES = 16
-_SHIFTS = 17
+_SHIFTS = 13
 Array = NDArray[np.floating]
 
 
@@ -100,9 +101,14 @@ def vibration(trial: Prediction, left_n: Array, lines: Lines, teeth: int, weight
         if size > (_FAR_ABOVE if abs(line - strongest) < 1e-9 else _SIDEBAND):
             found.append(float(line))
             energy.append(size)
-    order = np.argsort(energy)[::-1][:_MOST_LINES]
-    chosen = np.array(found)[order]
-    return _fitted(time, rest / weight, chosen, np.array(energy)[order], strongest, tooth_hz)
+    order: list[int] = []
+    for index in np.argsort(energy)[::-1]:
+        # two lines of the pattern that fold onto one place are one
+        if all(abs(found[index] - found[other]) > _RESOLVED / time[-1] for other in order):
+            order.append(int(index))
+    order = order[:_MOST_LINES]
+    chosen, over_noise = np.array([found[i] for i in order]), np.array([energy[i] for i in order])
+    return _fitted(time, rest / weight, chosen, over_noise, strongest, tooth_hz)
 
 
 def _fitted(
@@ -124,8 +130,11 @@ def _fitted(
             x = columns(shift)[part]
             return float(np.sum((rest[part] - x @ _solved(x, rest[part])) ** 2))
 
-        shifts = np.linspace(-0.5, 0.5, _SHIFTS) / time[-1]
-        best = shifts[int(np.argmin([left(shift) for shift in shifts]))]
+        best, reach = 0.0, 0.5 / time[-1]
+        for _ in range(2):
+            shifts = best + reach * np.linspace(-1.0, 1.0, _SHIFTS)
+            best = float(shifts[int(np.argmin([left(shift) for shift in shifts]))])
+            reach /= 0.5 * (_SHIFTS - 1)
         x = columns(best)
         return x, _solved(x[part], rest[part])
 
@@ -190,13 +199,20 @@ def find_vibration(
     # the lines stand above the mode, where its response opposes the force: by 10 % at heavy damping
     low, high = float(frequency.min()), float(frequency.max())
     told = {"frequency_hz": Interval(low, 0.9 * low, high, unit)}
-    decision = Decision(not reasons, True, 0.0, gain, spread, told, tuple(reasons))
+    by_chance = float(stats.binom.sf(len(shown) - 1, len(after), _false_alarm(lines, after)))
+    decision = Decision(not reasons, True, by_chance, gain, spread, told, tuple(reasons))
     kind = effect_class(NAME)
     effect = kind(np.full(2, np.nan), np.full(2, low), np.full(2, np.nan))
     waves = tuple(v.wave_n if i in shown else np.zeros_like(v.wave_n) for i, v in enumerate(each))
     candidate = SlowCandidate(kind, effect, held_out, decision, waves)
     tried = SlowRound(before, (candidate,), candidate if decision.accepted else None)
     return SelfExcited(tried, _evidence(after, each, shown, teeth))
+
+
+def _false_alarm(lines: Lines, after: Sequence[Prediction]) -> float:
+    """Probability that noise alone, of three axes, puts any line of a record that far above its median."""
+    independent = max(float(trial.time_s[-1]) for trial in after) * (lines.band_hz[1] - lines.band_hz[0])
+    return min(1.0, independent * float(stats.gamma.sf(_FAR_ABOVE * stats.gamma.median(3.0), 3.0)))
 
 
 def _own(v: Vibration, trial: Prediction, teeth: int) -> bool:

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.spindle import spindle_angle, spindle_speed
-from mjx_cutting.trials.dataset import Trial
+from mjx_cutting.tracing.spindle import loaded_speeds, spindle_angle, spindle_speed, spindle_speeds
+from mjx_cutting.trials.dataset import ToolInfo, Trial
 
 
 def _tone(true_rev_s: float, rate_hz: float, seconds: float, order: int, noise: float) -> Trial:
@@ -49,3 +49,34 @@ def test_a_measured_angle_is_believed():
 def test_silence_keeps_the_nominal_speed():
     trial = _tone(20.0, 1000.0, 1.0, order=1, noise=0.0)
     assert spindle_speed(dataclasses.replace(trial, force_n=np.zeros((1000, 3))), teeth=2) == 20.0
+
+
+TOOL = ToolInfo("end_mill", 3, 0.02)
+WIDTHS = (0.001, 0.002, 0.003, 0.004, 0.001, 0.003)
+
+
+def _session(loss, strong_between: float = 0.0) -> tuple[list[Trial], np.ndarray]:
+    """Slots of several widths, tooth passing and its harmonic at 20 rev/s less `loss` per metre of width."""
+    trials, true = [], []
+    for index, width in enumerate(WIDTHS):
+        speed = 20.0 * (1.002 - loss * width)
+        trial = _tone(speed, 1000.0, 2.0, order=3, noise=0.1)
+        time = trial.time_s
+        more = 0.4 * np.cos(2 * np.pi * 6 * speed * time + index)
+        more = more + strong_between * np.cos(2 * np.pi * 2 * speed * time)
+        trials.append(dataclasses.replace(trial, axial_width_m=width, force_n=trial.force_n + more[:, None]))
+        true.append(speed)
+    return trials, np.array(true)
+
+
+def test_a_motor_that_gives_way_under_load_is_followed():
+    trials, true = _session(loss=25.0)  # a tenth of the speed at the widest
+    np.testing.assert_allclose(spindle_speeds(trials, TOOL), true, rtol=1e-4)
+
+
+@pytest.mark.parametrize("between", [0.0, 3.0])
+def test_an_even_spindle_is_not_left_for_a_comb_that_shares_its_lines(between):
+    """With three teeth a spindle 3/4 as fast has tooth passing at its order 4; order 2 is runout here."""
+    trials, true = _session(loss=0.0, strong_between=between)
+    np.testing.assert_array_equal(loaded_speeds(trials, TOOL), 20.0)
+    np.testing.assert_allclose(spindle_speeds(trials, TOOL), true, rtol=1e-4)

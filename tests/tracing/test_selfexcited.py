@@ -1,0 +1,90 @@
+"""Lines off the spindle's multiples: a limit cycle is named, what only looks like one is not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.prediction import Prediction
+from mjx_cutting.tracing.selfexcited import find_vibration
+
+TEETH, RATE_HZ, SECONDS, NOISE_N = 4, 2000.0, 1.0, 0.5
+SPEEDS = (40.0, 40.3, 52.1, 52.4, 66.0, 66.3)
+WAY = np.array([3.0, 2.0, 0.5])
+
+
+def _session(left, air=()):
+    """Six cuts that a model leaves `left(time, speed, trial)` [T] of, along one way, and noise."""
+    time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
+    after, error, energy = [], [], []
+    for index, speed in enumerate(SPEEDS):
+        noise = NOISE_N * np.random.default_rng(index).normal(size=(len(time), 3))
+        residual = left(time, speed, index)[:, None] * WAY + noise
+        wave = 50.0 * np.cos(2 * np.pi * TEETH * speed * time)[:, None] * np.ones(3)
+        angle = 2 * np.pi * speed * time
+        after.append(Prediction(f"t{index}.csv", time, angle, wave + residual, wave, speed, np.zeros(3)))
+        error.append(np.sum(residual**2, axis=0))
+        energy.append(np.sum((wave + residual) ** 2, axis=0))
+    idle = [SimpleNamespace(kind="air", file="a.csv", time_s=time, force_n=each) for each in air]
+    dataset = SimpleNamespace(tool=SimpleNamespace(teeth=TEETH), trials=tuple(idle))
+    lines = SimpleNamespace(orders=16, band_hz=(0.0, 700.0))
+    before = HeldOut(np.stack(error), np.stack(energy), None, np.arange(len(SPEEDS)))
+    return dataset, lines, tuple(after), before, np.full(3, 1.0 / NOISE_N)
+
+
+def _chatter(time, speed, trial):
+    """A limit cycle near 385 Hz whose line moves with the speed; the first trial is below the threshold."""
+    if trial == 0:
+        return np.zeros_like(time)
+    own, tooth = 375.0 + 0.2 * speed, TEETH * speed
+    turn = 2 * np.pi * own * time + 1.3 * trial
+    beside = 2 * np.pi * (own - tooth) * time + 0.4 * trial
+    return np.cos(turn) + 0.5 * np.cos(beside)
+
+
+def test_a_limit_cycle_is_named_with_its_frequency_and_threshold():
+    found = find_vibration(*_session(_chatter))
+    assert found is not None and found.round.accepted is not None, found
+    accepted = found.round.accepted
+    said = accepted.decision.parameters["frequency_hz"]
+    assert said.low < 375.0 and said.high == pytest.approx(375.0 + 0.2 * 66.3, abs=0.5)
+    assert "t0.csv" in found.evidence[1]
+    # what is left on stretches that were not fitted to is the noise, and the quiet trial is not touched
+    noise = 3 * NOISE_N**2 * RATE_HZ * SECONDS
+    np.testing.assert_allclose(accepted.heldout.error_n2.sum(axis=1), noise, rtol=0.1)
+    assert not accepted.added_n[0].any() and accepted.added_n[3].any()
+
+
+def test_noise_and_a_few_trials_are_given_no_name():
+    assert find_vibration(*_session(lambda time, speed, trial: 0.0 * time)) is None
+    two = lambda time, speed, trial: _chatter(time, speed, trial) * (trial > 3)  # noqa: E731
+    assert find_vibration(*_session(two)) is None
+
+
+def test_a_line_that_stays_at_one_frequency_whatever_the_speed_is_not_self_excited():
+    def hum(time, speed, trial):
+        gain = 1.0 + 0.5 * np.cos(2 * np.pi * TEETH * speed * time)
+        return gain * np.cos(2 * np.pi * 90.0 * time + trial)
+
+    found = find_vibration(*_session(hum))
+    assert found is not None and found.round.accepted is None
+    assert "whatever the speed" in found.round.candidates[0].decision.reasons[0]
+
+
+def test_a_force_that_is_modulated_slowly_is_not_self_excited():
+    def periodic(time, speed, trial):
+        return np.cos(2 * np.pi * 3.1 * time + trial) * (2.0 + np.cos(2 * np.pi * TEETH * speed * time))
+
+    assert find_vibration(*_session(periodic)) is None
+
+
+def test_lines_that_are_in_air_too_are_given_no_name():
+    time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
+    idle = np.cos(2 * np.pi * 386.0 * time)[:, None] * WAY
+    idle = idle + NOISE_N * np.random.default_rng(9).normal(size=(len(time), 3))
+    found = find_vibration(*_session(_chatter, air=[idle]))
+    assert found is not None and found.round.accepted is None
+    assert any("in air" in reason for reason in found.round.candidates[0].decision.reasons)
