@@ -27,11 +27,13 @@ class Headline:
         name: key in the results file.
         paper: what the paper reports.
         judge: results by domain (and "curves") -> (judgement, our figures).
+        measured: where the paper measured it: "simulation" or "robot".
     """
 
     name: str
     paper: str
     judge: Callable[[Results], Judged]
+    measured: str = "simulation"
 
 
 def judged(headlines: Iterable[Headline], results: Results) -> dict[str, dict[str, Any]]:
@@ -41,16 +43,13 @@ def judged(headlines: Iterable[Headline], results: Results) -> dict[str, dict[st
     """
     told: dict[str, dict[str, Any]] = {}
     for headline in headlines:
+        paper = {"paper": headline.paper, "measured": headline.measured}
         try:
             judgement, ours = headline.judge(results)
-            told[headline.name] = {"judgement": judgement, "paper": headline.paper, "ours": ours}
+            told[headline.name] = {"judgement": judgement, **paper, "ours": ours}
         except KeyError as missing:
-            told[headline.name] = {
-                "judgement": NOT_COMPARABLE,
-                "paper": headline.paper,
-                "ours": {},
-                "missing": f"this run has no {missing.args[0]}",
-            }
+            lacks = f"this run has no {missing.args[0]}"
+            told[headline.name] = {"judgement": NOT_COMPARABLE, **paper, "ours": {}, "missing": lacks}
     return told
 
 

@@ -96,6 +96,7 @@ def experiment(config: Config, out: Path, spent: Invocations) -> dict[str, Any]:
         "command": ["python", "-m", "experiments.paper", *sys.argv[1:]],
         "versions": _platform.versions(),
         "config": runs.plain(dataclasses.replace(config, out=None, results=None)),
+        "expert_learned": learned(folders["expert"]),
         "training_wall_s": {name: wall_s(folder) for name, folder in folders.items()},
         "episodes": {"simulated": config.rollouts, "cell": config.cuts},
         "cell_effects": str(config.effects) if config.effects else DECLARED,
@@ -157,6 +158,22 @@ def curve(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     reward = np.asarray([np.atleast_1d(line["episode_return"]) for line in lines], float)
     steps = np.asarray([line["steps"] for line in lines], float) / reward.shape[1]
     return steps, np.where(ended > 0, reward, np.nan)
+
+
+def learned(folder: Path, share: float = 0.95, width: int = 20) -> dict[str, float]:
+    """Return when a training had made a share of its gain in reward: policy steps of one seed and seconds.
+
+    The reward is the mean over seeds and over the last `width` iterations in which episodes ended for all.
+    """
+    lines = read_lines(folder / METRICS)
+    steps, rewards = curve(folder)
+    told = np.flatnonzero(np.isfinite(rewards).all(axis=1))
+    mean = rewards[told].mean(axis=1)
+    width = min(width, len(mean))
+    smooth = np.convolve(mean, np.ones(width) / width, "valid")
+    first = int(np.argmax(smooth >= smooth[0] + share * (smooth[-1] - smooth[0])))
+    at = told[first + width - 1]
+    return {"steps": float(steps[at]), "wall_s": float(lines[at]["wall_s"]), "reward": float(smooth[first])}
 
 
 def wall_s(folder: Path) -> float:

@@ -254,3 +254,21 @@ def test_published_table_is_whole():
     assert TABLE["baseline"]["foam"]["mrv_mm3"] == 331
     assert list(TABLE["re_train"]["cardboard"].values()) == [45.4, 6.83, 16.0, 80.2]
     assert all(tuple(rows) == SHEETS for rows in TABLE.values())
+
+
+def test_when_an_expert_had_learned_is_read_from_its_metrics(tmp_path):
+    # 0 to 100 in a straight line over 1,000 iterations of two seeds; no episode ends in every tenth
+    lines = [
+        {
+            "steps": 128 * i,
+            "wall_s": 0.5 * i,
+            "episodes": [i % 10 > 0, 4],
+            "episode_return": [0.1 * i, 0.1 * i],
+        }
+        for i in range(1, 1001)
+    ]
+    (tmp_path / "metrics.jsonl").write_text("\n".join(json.dumps(line) for line in lines) + "\n")
+    told = paper.learned(tmp_path)
+    assert told["steps"] == pytest.approx(0.95 * 64_000, rel=0.01)
+    assert told["wall_s"] == pytest.approx(0.5 * told["steps"] / 64)
+    assert told["reward"] == pytest.approx(94.0, abs=1.0)
