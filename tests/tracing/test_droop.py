@@ -1,0 +1,46 @@
+"""A motor that gives way is named from what its spindle lost, and a spindle that only errs is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.study import make
+from mjx_cutting.tracing import predict_trials, trace
+from mjx_cutting.tracing.droop import CHANCE, _law
+
+STATED = np.array([40.0, 40.0, 52.0, 52.0, 66.0, 66.0, 40.0, 52.0])
+TORQUE = np.array([1.0, 3.0, 1.2, 2.5, 0.9, 2.0, 4.5, 4.0])
+
+
+def test_the_law_of_the_losses_tells_the_motor_from_the_error_of_the_stated_speeds():
+    scatter = 0.001 * STATED * np.random.default_rng(0).normal(size=len(STATED))
+    droop, error, spread, chance = _law(0.8 * TORQUE - 0.004 * STATED + scatter, TORQUE, STATED)
+    assert abs(droop - 0.8) < 3.0 * spread < 0.2
+    assert error == pytest.approx(0.004, abs=0.003)
+    assert chance < CHANCE
+
+
+def test_losses_that_do_not_go_with_the_torque_are_not_droop():
+    chances = [
+        _law(0.01 * STATED * np.random.default_rng(seed).normal(size=len(STATED)), TORQUE, STATED)[3]
+        for seed in range(300)
+    ]
+    assert np.mean(np.array(chances) < 0.05) < 0.09
+    assert min(chances) > 0.1 * CHANCE
+
+
+@pytest.mark.slow
+def test_droop_is_named_with_its_stiffness_and_the_model_finds_the_speeds_again():
+    case = make("mill", {"spindle_droop": "medium"}, 1)
+    found = trace(case.dataset, effects=["spindle_droop"])
+    (named,) = found.verdict["effects"]
+    said = named["parameters"]["droop_rev_s_nm"]
+    true = case.truth["effects"]["spindle_droop"]["droop_rev_s_nm"]
+    assert named["name"] == "spindle_droop"
+    assert said["low"] < true < said["high"] and said["value"] == pytest.approx(true, rel=0.03)
+    after = found.verdict["after"]["heldout_nrmse"]
+    assert after < 1.1 * found.verdict["noise_floor_nrmse"] < 0.2 * found.verdict["before"]["heldout_nrmse"]
+    again = predict_trials(case.dataset, found.model)
+    left = np.sqrt(sum(np.sum(p.residual_n**2) for p in again) / sum(np.sum(p.measured_n**2) for p in again))
+    assert left < 1.2 * after
