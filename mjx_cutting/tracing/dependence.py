@@ -22,7 +22,7 @@ from mjx_cutting.tracing.lines import basis
 from mjx_cutting.tracing.prediction import Prediction
 from mjx_cutting.trials.dataset import Dataset
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 SIGNIFICANT = 0.001
 NOTICEABLE = 0.02
 _SLOW_TERMS = 6
@@ -119,12 +119,13 @@ def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float) -> 
     """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between."""
     order = np.repeat(np.arange(1, orders + 1), 2)
     passing = (order % teeth) == 0
-    energy, line, whole, freedom, count = np.zeros(2), np.zeros(2), 0.0, 0.0, np.zeros(2)
+    energy, line, count = np.zeros(2), np.zeros(2), np.zeros(2)
+    whole, freedom = 0.0, 0.0
     for left, columns, weights, rest in split:
         line += [np.sum((columns[:, mask] @ weights[mask]) ** 2) for mask in (passing, ~passing)]
         count += 3 * np.array([passing.sum(), (~passing).sum()])
         energy += np.sum(rest**2)
-        whole += np.sum(left**2)
+        whole += float(np.sum(left**2))
         freedom += max(3 * (band * len(left) - columns.shape[1]), 1.0)
     results = []
     for index, name in enumerate(("tooth phase", "spindle order")):
