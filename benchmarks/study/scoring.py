@@ -112,8 +112,9 @@ def seen_over_noise(question: Question) -> float | None:
     without = make(question.design, {}, question.seed, noise=1e-6)
     if with_it.dataset.sensor.zeroed != without.dataset.sensor.zeroed:
         return None
-    pairs = zip(with_it.dataset.trials, without.dataset.trials, strict=True)
-    change = [(a.signals - b.signals) for a, b in pairs if a.kind == "cut" and a.samples == b.samples]
+    plain = {trial.file: trial for trial in without.dataset.trials if trial.kind == "cut"}
+    pairs = [(trial, plain[trial.file]) for trial in with_it.dataset.trials if trial.file in plain]
+    change = [(a.signals - b.signals) for a, b in pairs if a.samples == b.samples]
     noise = make(question.design, {}, question.seed).dataset.sensor.noise_std_n or (0.0, 1.0, 0.01)
     if not change:
         return None
