@@ -14,10 +14,10 @@ import mjx_cutting
 from mjx_cutting._report.page import Fact, Picture, Table, environment
 from mjx_cutting._report.quantities import chance, interval, joined, number, percent, quantity
 from mjx_cutting.tracing import advice, figures, wording
+from mjx_cutting.tracing.candidate import Round
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.figures.subject import subjects
 from mjx_cutting.tracing.parameters import estimates
-from mjx_cutting.tracing.search import Round
 from mjx_cutting.tracing.slow import SlowRound
 from mjx_cutting.tracing.trace import Tracing
 

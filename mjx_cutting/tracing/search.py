@@ -2,7 +2,8 @@
 
 Each round looks at every candidate beside what is accepted already (`screening`), fits the most telling ones
 fully, scores them on held-out trials, tests them (`decision`), accepts the best that passes, and looks again
-at what remains. The best of the others is the runner-up.
+at what remains. The best of the others is the runner-up. In the end each effect must still earn its place
+(`exchange`).
 """
 
 from __future__ import annotations
@@ -10,66 +11,28 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
-from mjx_cutting.tracing.decision import Decision, Interval, chance, decide, interval
-from mjx_cutting.tracing.descent import Descent
+from mjx_cutting.tracing.candidate import Round, try_effect
+from mjx_cutting.tracing.exchange import reconsider
 from mjx_cutting.tracing.fit import (
     Effects,
     Fit,
     base_starts,
     fit,
-    freedom,
     reweighted,
-    spread,
 )
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
-from mjx_cutting.tracing.model_error import model_errors, tolerated
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.tracing.screening import Screened, screen
 
 MOST_EFFECTS = 4
 SHORTLIST = 4
 _WORTH_A_FIT = 0.01
-_STEPS = 20
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """An effect tried beside those accepted: its fit, its error on held-out trials and the decision."""
-
-    kind: type[AbstractEffect]
-    fit: Fit
-    heldout: HeldOut
-    decision: Decision
-
-
-@dataclass(frozen=True, eq=False)
-class Round:
-    """One round of the search.
-
-    Fields:
-        before: held-out error of the model so far.
-        screened: every candidate after its short fit, the most telling first.
-        candidates: those fitted fully, in order of held-out error.
-        accepted: the one accepted, if any.
-    """
-
-    before: HeldOut
-    screened: tuple[Screened, ...]
-    candidates: tuple[Candidate, ...]
-    accepted: Candidate | None
-
-    @property
-    def runner_up(self) -> Candidate | None:
-        """The best candidate that was not accepted; one that needs an unphysical value only if all do."""
-        others = [each for each in self.candidates if each is not self.accepted]
-        return next((each for each in others if each.decision.physical), others[0] if others else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +77,8 @@ def search(
         tried = []
         for each in shortlist(screened):
             progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
-            tried.append(_try(problem, lines, (*effects, each.kind), each.x, current, heldout, fold, open_))
+            both = (*effects, each.kind)
+            tried.append(try_effect(problem, lines, both, each.x, current, heldout, fold, open_))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
         rounds.append(Round(heldout, screened, tuple(tried), accepted))
@@ -124,53 +88,18 @@ def search(
         problem = reweighted(problem, accepted.fit)
         current = fit(problem, effects, np.asarray(accepted.fit.x)[None])
         heldout = held_out(problem, lines, effects, current.x, fold)
+    for _ in effects[1:]:
+        progress("second thoughts about " + ", ".join(kind.name for kind in effects[:-1]))
+        change = reconsider(problem, lines, effects, current.x, rounds, fold)
+        if change is None:
+            break
+        effects = change.effects
+        rounds[change.place] = change.round
+        current = fit(problem, effects, change.x[None])
+        heldout = held_out(problem, lines, effects, current.x, fold)
     return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds))
 
 
 def shortlist(screened: Sequence[Screened]) -> list[Screened]:
     """Those worth a full fit: the most telling few, and beyond the first two only what explains something."""
     return [each for rank, each in enumerate(screened[:SHORTLIST]) if rank < 2 or each.share > _WORTH_A_FIT]
-
-
-def _try(
-    problem: Problem,
-    lines: Lines,
-    effects: Effects,
-    start: NDArray[np.floating],
-    before: Fit,
-    before_heldout: HeldOut,
-    fold: NDArray[np.int64],
-    tried: Sequence[type[AbstractEffect]],
-) -> Candidate:
-    """Fit and judge the last of `effects` beside the others."""
-    kind = effects[-1]
-    descent = Descent(problem, effects)
-    x, _ = descent.descend(start, _STEPS)
-    found = jax.tree.map(lambda leaf: leaf[0], descent.fits(x[None], np.ones((1, problem.trials))))
-    after = held_out(problem, lines, effects, x, fold)
-    p = chance(
-        drop=float(before.squares - found.squares),
-        added=len(found.x) - len(before.x),
-        spread=spread(problem, found),
-        floor=tolerated(problem, lines) / np.sqrt(freedom(problem, found)),
-        freedom=freedom(problem, found),
-        tries=sum(len(each.starts(problem.tool)) for each in tried),
-    )
-    decision = decide(kind, before_heldout, after, p, parameters(problem, lines, effects, found, after)[-1])
-    return Candidate(kind, found, after, decision)
-
-
-def parameters(
-    problem: Problem, lines: Lines, effects: Effects, found: Fit, heldout: HeldOut
-) -> list[dict[str, Interval]]:
-    """Parameters of every effect with their intervals, by name, in the order of `effects`."""
-    assert heldout.fits is not None
-    errors = model_errors(problem, lines, effects, found.x)
-    fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=True)
-    return [
-        {
-            name: interval(kind, name, getattr(whole, name), getattr(by_fold, name), model_error=error[name])
-            for name in kind.parameters
-        }
-        for kind, whole, by_fold, error in fitted
-    ]

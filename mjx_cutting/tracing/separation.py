@@ -1,9 +1,10 @@
 """Which further trial would tell two explanations apart, and by how much.
 
-Both models, as fitted, predict each of a menu of cheap trials: a trial at hand repeated at another feed, depth
-or speed, or without cutting. What one predicts is taken as measured and explained by the other, its phase and
-bias free as in any trial; what is left, in standard deviations of the lines, is what the trial is expected to
-bring (the noise-free log-likelihood ratio is half its square). Both models keep their fitted constants.
+Both models, as fitted, predict each of a menu of cheap trials: a trial at hand repeated at another feed,
+depth or speed, or without cutting. What one predicts is taken as measured and explained by the other, its
+phase and bias free as in any trial; what is left, in standard deviations of the lines, is what the trial is
+expected to bring (the noise-free log-likelihood ratio is half its square). Both models keep their fitted
+constants.
 """
 
 from __future__ import annotations

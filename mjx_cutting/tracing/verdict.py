@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
+from mjx_cutting.tracing.candidate import Candidate, Round, parameters
 from mjx_cutting.tracing.course import KINDS
 from mjx_cutting.tracing.decision import TOLERANCE, Interval
 from mjx_cutting.tracing.dependence import Dependence
@@ -16,7 +17,7 @@ from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.problem import Problem, shared_bias
-from mjx_cutting.tracing.search import Candidate, Round, Search, parameters
+from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.separation import separations
 from mjx_cutting.tracing.slow import SlowRound
 from mjx_cutting.tracing.unseen import BESIDE_LINES, needs

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting import ForceModel, Material, Tool, effect_class
+from mjx_cutting.tracing.candidate import Candidate, Round
 from mjx_cutting.tracing.decision import Decision, Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.fit import Fit
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import compress
 from mjx_cutting.tracing.prediction import Prediction
-from mjx_cutting.tracing.search import Candidate, Round, Search
+from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.trace import Tracing
 from mjx_cutting.tracing.verdict import verdict
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial

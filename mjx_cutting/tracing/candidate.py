@@ -1,0 +1,114 @@
+"""One effect tried beside others: its full fit, its error on held-out trials, the tests it must pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.decision import Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.descent import Descent
+from mjx_cutting.tracing.fit import Effects, Fit, freedom, spread
+from mjx_cutting.tracing.heldout import HeldOut, held_out
+from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.model_error import model_errors, tolerated
+from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.screening import Screened
+
+_STEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect tried beside those accepted: its fit, its error on held-out trials and the decision."""
+
+    kind: type[AbstractEffect]
+    fit: Fit
+    heldout: HeldOut
+    decision: Decision
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of the search.
+
+    Fields:
+        before: held-out error of the model so far.
+        screened: every candidate after its short fit, the most telling first.
+        candidates: those fitted fully, in order of held-out error.
+        accepted: the one accepted, if any.
+    """
+
+    before: HeldOut
+    screened: tuple[Screened, ...]
+    candidates: tuple[Candidate, ...]
+    accepted: Candidate | None
+
+    @property
+    def runner_up(self) -> Candidate | None:
+        """The best candidate that was not accepted; one that needs an unphysical value only if all do."""
+        others = [each for each in self.candidates if each is not self.accepted]
+        return next((each for each in others if each.decision.physical), others[0] if others else None)
+
+
+def try_effect(
+    problem: Problem,
+    lines: Lines,
+    effects: Effects,
+    start: NDArray[np.floating],
+    before: Fit,
+    before_heldout: HeldOut,
+    fold: NDArray[np.int64],
+    tried: Sequence[type[AbstractEffect]],
+) -> Candidate:
+    """Fit and judge the last of `effects` beside the others.
+
+    Arguments:
+        problem, lines: the trials.
+        effects: the model's; `start` [U] unknowns to start from.
+        before, before_heldout: fit and held-out error without the last effect.
+        fold: [R] fold of each trial.
+        tried: all that were tried in its place, for the chance of the best of them.
+    """
+    kind = effects[-1]
+    found, after = fitted(problem, lines, effects, start, fold)
+    p = chance(
+        drop=float(before.squares - found.squares),
+        added=len(found.x) - len(before.x),
+        spread=spread(problem, found),
+        floor=tolerated(problem, lines) / np.sqrt(freedom(problem, found)),
+        freedom=freedom(problem, found),
+        tries=sum(len(each.starts(problem.tool)) for each in tried),
+    )
+    decision = decide(kind, before_heldout, after, p, parameters(problem, lines, effects, found, after)[-1])
+    return Candidate(kind, found, after, decision)
+
+
+def fitted(
+    problem: Problem, lines: Lines, effects: Effects, start: NDArray[np.floating], fold: NDArray[np.int64]
+) -> tuple[Fit, HeldOut]:
+    """Fit of a model to all trials from the unknowns `start` [U], and its error on held-out trials."""
+    descent = Descent(problem, effects)
+    x, _ = descent.descend(start, _STEPS)
+    found: Fit = jax.tree.map(lambda leaf: leaf[0], descent.fits(x[None], np.ones((1, problem.trials))))
+    return found, held_out(problem, lines, effects, x, fold)
+
+
+def parameters(
+    problem: Problem, lines: Lines, effects: Effects, found: Fit, heldout: HeldOut
+) -> list[dict[str, Interval]]:
+    """Parameters of every effect with their intervals, by name, in the order of `effects`."""
+    assert heldout.fits is not None
+    errors = model_errors(problem, lines, effects, found.x)
+    fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=True)
+    return [
+        {
+            name: interval(kind, name, getattr(whole, name), getattr(by_fold, name), model_error=error[name])
+            for name in kind.parameters
+        }
+        for kind, whole, by_fold, error in fitted
+    ]
