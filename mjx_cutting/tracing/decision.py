@@ -154,13 +154,12 @@ def decide(
         )
     elif over_trials and np.isfinite(error) and gain < STANDARD_ERRORS * error:
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
-    strength = kind.parameters[kind.strength]
-    found = parameters[kind.strength]
-    if strength.identity is not None and found.low <= strength.identity <= found.high:
-        reasons.append(
-            f"{kind.strength} {found.low:.3g} to {found.high:.3g} {found.unit} includes "
-            f"{strength.identity:g}, no effect"
-        )
+    for name in (kind.strength, *kind.telling):
+        identity, found = kind.parameters[name].identity, parameters[name]
+        if identity is not None and found.low <= identity <= found.high:
+            reasons.append(
+                f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} includes {identity:g}, no effect"
+            )
     beyond = []
     for name, each in parameters.items():
         declared = kind.parameters[name]

@@ -91,7 +91,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             feed_speed_m_s=trial.feed_speed_m_s,
             radial_depth_m=trial.radial_depth_m,
             axial_width_m=trial.axial_width_m,
-            position_m=0.0,
+            position_m=0.5 * _length_m(trial),
             cut_length_m=trial.cut_length_before_m + 0.5 * _length_m(trial),
             time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),

@@ -14,11 +14,6 @@ _NEEDS = {
         "the tool's vibration while it cuts, which no force record holds: measure it at the tool, or find "
         "the depth at which chatter sets in at a quarter of the speed and at the full speed"
     ),
-    "clamp_mode": (
-        "the frequency of a mode along the path, which the lines of whole trials blur: cut slowly past the "
-        "clamp at a speed whose tooth passing lies near the mode, with the position recorded, or tap the "
-        "sheet at three places"
-    ),
     "entry_exit": (
         "a fit to the ramps at both ends of the sheet: leave the ends out of the trials, or give one trial "
         "that begins in air and one that ends in air"

@@ -2,7 +2,9 @@
 
 The force felt along y is F_y + mu r^2 / (1 - r^2 + 2 j zeta r) F_y, r = f / f(s), f(s) = f_0 (1 + g s); for a
 plate on a dynamometer mu is 1 (it sees K y + C y'). Signature: normal axis only, 20-500 Hz, the frequency
-moves along the path. Confused with a mode of the robot, which moves with the pose.
+moves along the path. Confused with a mode of the robot, which moves with the pose; where the gradient is nil
+the two are one. Lines of a whole trial see the frequency at the middle of its path: trials of other length
+or feed tell the gradient, and what the frequency sweeps within a trial is left over.
 """
 
 from __future__ import annotations
@@ -38,10 +40,10 @@ class ClampMode(AbstractEffect):
     parameters = {
         "mass_ratio": Parameter("1", 0.0, 2.0, 0.0, 0.3, source="1 for a plate on a dynamometer"),
         "frequency_hz": Parameter("Hz", 10.0, 1000.0, None, 100.0, log=True, source="20-500 Hz"),
-        "gradient_1_m": Parameter("1/m", -10.0, 10.0, None, 0.0),
+        "gradient_1_m": Parameter("1/m", -10.0, 10.0, 0.0, 3.0),
         "damping": Parameter("1", 0.002, 0.3, None, 0.03, log=True),
     }
-    steady = False
+    telling = ("gradient_1_m",)
     signature = "normal axis only, at a frequency that varies with position"
     confused_with = {"robot_mode": "a robot's mode moves with the pose, not along the path"}
 
@@ -75,4 +77,8 @@ class ClampMode(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, np.log(f / 100.0), 0.0, 0.0] for f in (30.0, 70.0, 150.0, 350.0)])
+        return np.asarray([[0.5, np.log(f / 100.0), 0.0, 0.0] for f in np.geomspace(20.0, 450.0, 8)])
+
+    @classmethod
+    def identity(cls, tool: Tool) -> ClampMode:
+        return cls(0.0, 100.0, 0.0, 0.03)
