@@ -9,13 +9,14 @@ at what remains. The best of the others is the runner-up. In the end each effect
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
-from mjx_cutting.tracing.candidate import Round, try_effect
+from mjx_cutting.tracing.candidate import Round, parameters, try_effect
+from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.exchange import reconsider
 from mjx_cutting.tracing.fit import (
     Effects,
@@ -44,6 +45,7 @@ class Search:
         base_fit, base: base model and its held-out error.
         effects, final_fit, final: accepted effects, the final model and its held-out error.
         rounds: every round, in order.
+        intervals: parameters of the final model with their intervals, effect by effect.
     """
 
     problem: Problem
@@ -52,7 +54,8 @@ class Search:
     effects: Effects
     final_fit: Fit
     final: HeldOut
-    rounds: tuple[Round, ...] = field(default=())
+    rounds: tuple[Round, ...] = ()
+    intervals: tuple[dict[str, Interval], ...] = ()
 
 
 def search(
@@ -97,7 +100,8 @@ def search(
         rounds[change.place] = change.round
         current = fit(problem, effects, change.x[None])
         heldout = held_out(problem, lines, effects, current.x, fold)
-    return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds))
+    intervals = parameters(problem, lines, effects, current, heldout) if effects else []
+    return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds), tuple(intervals))
 
 
 def shortlist(screened: Sequence[Screened]) -> list[Screened]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
-from mjx_cutting.tracing.candidate import Candidate, Round, parameters
+from mjx_cutting.tracing.candidate import Candidate, Round
 from mjx_cutting.tracing.course import KINDS
 from mjx_cutting.tracing.decision import TOLERANCE, Interval
 from mjx_cutting.tracing.dependence import Dependence
@@ -50,10 +50,7 @@ def verdict(
     floor = noise_floor(dataset, lines)
     accepted = [each for each in found.rounds if each.accepted is not None]
     ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
-    values = (
-        parameters(found.problem, lines, found.effects, found.final_fit, found.final) if found.effects else []
-    )
-    named = [_effect(each, own, evidence) for each, own in zip(accepted, values, strict=True)]
+    named = [_effect(each, own, evidence) for each, own in zip(accepted, found.intervals, strict=True)]
     named += [_effect(each, each.accepted.decision.parameters, evidence) for each in slow if each.accepted]
     end = final(found, slow)
     left = [each for each in after if each.found]

@@ -158,4 +158,5 @@ def _search(energy: np.ndarray, teeth: int, named: bool) -> Search:
         rounds.append(Round(final, (), (pitch,), None))
     last = final if named else base
     kinds = (effect_class("radial_runout"),) if named else ()
-    return Search(None, fit(False), base, kinds, fit(named), last, tuple(rounds))  # type: ignore[arg-type]
+    told = (strength,) if named else ()
+    return Search(None, fit(False), base, kinds, fit(named), last, tuple(rounds), told)  # type: ignore[arg-type]
