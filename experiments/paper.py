@@ -106,7 +106,7 @@ def experiment(config: Config, out: Path, spent: Invocations) -> dict[str, Any]:
         "headlines": headlines.judged(summary, curves),
         "figures": [each.name for each in drawn],
     }
-    _files.write_atomic(path, json.dumps(runs.plain(told), indent=1) + "\n")
+    _files.write_atomic(path, json.dumps(rounded(runs.plain(told)), indent=1) + "\n")
     return told
 
 
@@ -137,6 +137,15 @@ def roll_out(
     cell = cell_domain(config.effects, config.cuts, evaluation.seed, told)
     in_cell = dataclasses.replace(evaluation, domain="cell")
     return {**rolled, **run_domains(in_cell, policies, cell)}
+
+
+def rounded(value: Any) -> Any:
+    """Return JSON values with six significant digits: more says nothing of a few dozen episodes."""
+    if isinstance(value, dict):
+        return {key: rounded(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [rounded(each) for each in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
 def strategies(summary: dict[str, Any]) -> dict[str, dict[str, Any]]:
