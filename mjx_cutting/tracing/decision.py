@@ -28,6 +28,7 @@ STANDARD_ERRORS = 2.0
 TOLERANCE = 0.003
 CONFIDENCE = 0.95
 _EDGE = 0.01
+_UNMOVED = 1e-6
 Array = NDArray[np.float64]
 
 
@@ -118,9 +119,10 @@ def interval(
         values = value + np.angle(np.exp(1j * (values - value)))
     spread = np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
     error = np.maximum(spread, laplace)
-    # the surest entry; what the trials do not move at all says nothing, unless nothing moves
-    sure = np.abs(value) / np.maximum(error, 1e-9 * np.abs(value) + 1e-300)
-    tooth = int(np.argmax(np.where(error > 0.0, sure, -1.0) if error.max() > 0.0 else np.abs(value)))
+    # the surest entry; what the trials do not move (held at a bound, say) says nothing, unless nothing moves
+    moved = spread > _UNMOVED * np.abs(value)
+    sure = np.where(moved, np.abs(value) / np.maximum(error, 1e-300), -1.0)
+    tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
     half = stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * error + np.ravel(model_error)
     most, wide = float(value[tooth]), float(half[tooth])
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())

@@ -91,6 +91,11 @@ def test_of_several_values_the_surest_speaks_and_all_are_told():
     assert found.high - found.value == pytest.approx(found.half[1])
 
 
+def test_a_value_that_no_trial_moves_does_not_speak_for_the_others():
+    whole, folds = np.array([9.0, 2.0]), np.array([[9.0, 1.9], [9.0 + 1e-9, 2.1], [9.0, 2.0]])
+    assert interval(UnequalPitch, "pitch_error_rad", whole, folds).value == 2.0
+
+
 def test_an_angle_does_not_jump_at_a_half_turn():
     found = interval(RadialRunout, "angle_rad", 3.1, np.array([3.1, -3.1, 3.12, 3.08]))
     assert found.high - found.low < 1.0
