@@ -64,7 +64,8 @@ def train_all(
                 f"got a proposal of {', '.join(proposal)}; expected the same settings in each, out of "
                 f"{', '.join(FACTORS)}; run others one after another"
             )
-        dataclasses.replace(config, **proposal)  # checks the range
+        changed: dict[str, Any] = dict(proposal)
+        dataclasses.replace(config, **changed)  # checks the range
     batched = CriticWrapper(TrainingWrapper(env))
 
     def learner(values: Mapping[str, jax.Array]) -> PPO:
@@ -82,7 +83,8 @@ def train_all(
     }
     state = _platform.jit(jax.vmap(start))(values, jnp.tile(keys, (len(proposals), 1)))
     iterate = _platform.jit(jax.vmap(advance))
-    total, ended, fine = 0.0, 0.0, True
+    total, ended = np.zeros(len(proposals) * seeds), np.zeros(len(proposals) * seeds)
+    fine = np.ones(len(proposals) * seeds, bool)
     first = config.iterations - max(1, round(LAST * config.iterations))
     for i in range(config.iterations):
         state, told = iterate(values, state)
@@ -93,8 +95,8 @@ def train_all(
             total = total + np.where(count > 0, count * np.asarray(told["episode_return"]), 0.0)
             ended = ended + count
     with np.errstate(invalid="ignore", divide="ignore"):
-        reward = np.where(fine & (np.asarray(ended) > 0), total / np.asarray(ended), np.nan)
-    return np.asarray(reward).reshape(len(proposals), seeds)
+        reward: np.ndarray = np.where(fine & (ended > 0), total / ended, np.nan)
+    return reward.reshape(len(proposals), seeds)
 
 
 def _with(config: PPOConfig, values: Mapping[str, Any]) -> PPOConfig:
