@@ -123,10 +123,25 @@ def interval(
     moved = spread > _UNMOVED * np.abs(value)
     sure = np.where(moved, np.abs(value) / np.maximum(error, 1e-300), -1.0)
     tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
-    half = stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * error + np.ravel(model_error)
+    quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
+    half = quantile * error + np.ravel(model_error)
     most, wide = float(value[tooth]), float(half[tooth])
+    ends = _ends(most, quantile * float(error[tooth]), wide, kind.parameters[name].identity)
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
-    return Interval(most, most - wide, most + wide, unit, *several)
+    return Interval(most, *ends, unit, *several)
+
+
+def _ends(value: float, by_trials: float, wide: float, identity: float | None) -> tuple[float, float]:
+    """Ends of an interval of half-width `wide`, of which the trials make `by_trials`.
+
+    A model's error changes the size of an effect that the trials prove; it does not undo it. So where only
+    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there.
+    """
+    away = np.inf if identity is None else abs(value - identity)
+    if identity is None or by_trials >= away or wide < away:
+        return value - wide, value + wide
+    near, far = (identity + (value - identity) * np.exp(sign * wide / away) for sign in (-1.0, 1.0))
+    return float(min(near, far)), float(max(near, far))
 
 
 def decide(
