@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,7 +159,13 @@ class _Work:
         mark("trace")
         runs_of = self._adapt(place, tracing)
         mark("adapt")
-        scores = {name: self._serve(runs_of[name], place / f"{name}.npz") for name in STRATEGIES}
+        scores: dict[str, list[dict[str, Any]]] = {}
+        for name in STRATEGIES:
+            same = next((each for each in scores if runs_of[each] == runs_of[name]), None)
+            path = place / f"{name}.npz"
+            scores[name] = scores[same] if same else self._serve(runs_of[name], path)
+            if same:
+                shutil.copyfile(place / f"{same}.npz", path)
         mark("serve")
         self.served = Artefact.load(place / "effect_and_gp.npz")
         rewards = {name: [reward(self.env, s) for s in scores[name]] for name in STRATEGIES}

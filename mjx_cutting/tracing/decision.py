@@ -29,6 +29,7 @@ TOLERANCE = 0.003
 CONFIDENCE = 0.95
 _EDGE = 0.01
 _UNMOVED = 1e-6
+_MOST_WIDENED = 3.0
 Array = NDArray[np.float64]
 
 
@@ -135,10 +136,11 @@ def _ends(value: float, by_trials: float, wide: float, identity: float | None) -
     """Ends of an interval of half-width `wide`, of which the trials make `by_trials`.
 
     A model's error changes the size of an effect that the trials prove; it does not undo it. So where only
-    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there.
+    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there. One that is several times
+    the value does undo it.
     """
     away = np.inf if identity is None else abs(value - identity)
-    if identity is None or by_trials >= away or wide < away:
+    if identity is None or by_trials >= away or not away <= wide <= _MOST_WIDENED * away:
         return value - wide, value + wide
     near, far = (identity + (value - identity) * np.exp(sign * wide / away) for sign in (-1.0, 1.0))
     return float(min(near, far)), float(max(near, far))

@@ -88,8 +88,8 @@ def test_the_models_error_widens_what_the_trials_prove_without_undoing_it():
     sure, unsure = np.array([0.09, 0.10, 0.11, 0.10]), np.array([0.0, 0.1, 0.2, 0.1])
     found = interval(SizeEffect, "exponent", 0.1, sure, model_error=0.2)
     assert 0.0 < found.low < 0.02 and found.high > 0.3
-    found = interval(SizeEffect, "exponent", 0.1, unsure, model_error=0.2)
-    assert found.low < 0.0
+    for values, error in ((unsure, 0.2), (sure, 0.5)):
+        assert interval(SizeEffect, "exponent", 0.1, values, model_error=error).low < 0.0
 
 
 def test_of_several_values_the_surest_speaks_and_all_are_told():

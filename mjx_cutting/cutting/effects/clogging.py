@@ -55,4 +55,4 @@ class Clogging(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, -2.0], [0.5, 0.0], [0.5, 2.0]])
+        return np.asarray([[0.5, float(capacity)] for capacity in range(-3, 6)])
