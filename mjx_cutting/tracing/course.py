@@ -90,6 +90,7 @@ class Kind:
         build: the effect from a shape [d] and coefficients [k].
         own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
+        ends: why an effect found is rather the end of the sheet, in words; "" where it is not.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Kind:
     columns: Callable[[Course, Array], Array]
     build: Callable[[Array, Array], AbstractEffect]
     own_phase: bool = False
+    ends: Callable[[Sequence[Course], AbstractEffect], str] | None = None
 
     @property
     def effect(self) -> type[AbstractEffect]:
@@ -143,6 +145,21 @@ def _layer(course: Course, shape: Array) -> Array:
     since = course.position_m - shape[0]
     inside = np.clip(0.5 + np.minimum(since, shape[1] - since) / 1e-4, 0.0, 1.0)
     return (inside[:, None] * (course.chip_n + course.edge_n))[..., None]
+
+
+def _layer_at_the_end(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    """A layer of less force from the very end of the paths is a tool that is not yet, or no more, engaged."""
+    change, start, length = (float(effect.values()[name]) for name in ("change", "start_m", "length_m"))
+    low = min(float(each.position_m.min()) for each in courses)
+    high = max(float(each.position_m.max()) for each in courses)
+    near = _END_SHARE * (high - low)
+    if change < 0.0 and (start < low + near or start + length > high - near) and length < 0.5 * (high - low):
+        place = "first" if start < low + near else "last"
+        return (
+            f"force is missing over the {place} {1e3 * length:.1f} mm of the path: the tool enters or leaves "
+            "the sheet there; cut the records down to where it is engaged"
+        )
+    return ""
 
 
 def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
@@ -191,9 +208,10 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
 _MOST_SHAPES = 2000
 _FEWEST_WAVES = 4.0
 _MAINS_STRAY_HZ = 0.06
+_END_SHARE = 0.03
 KINDS: tuple[Kind, ...] = (
     Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect),
-    Kind("layered_material", _always, _layers, _layer, _layer_effect),
+    Kind("layered_material", _always, _layers, _layer, _layer_effect, ends=_layer_at_the_end),
     Kind(
         "mains_pickup",
         lambda courses: courses[0].band_hz[1] > 50.0,

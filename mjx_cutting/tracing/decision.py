@@ -136,8 +136,8 @@ def _ends(value: float, by_trials: float, wide: float, identity: float | None) -
     """Ends of an interval of half-width `wide`, of which the trials make `by_trials`.
 
     A model's error changes the size of an effect that the trials prove; it does not undo it. So where only
-    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there. One that is several times
-    the value does undo it.
+    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there.
+    One that is several times the value does undo it.
     """
     away = np.inf if identity is None else abs(value - identity)
     if identity is None or by_trials >= away or not away <= wide <= _MOST_WIDENED * away:

@@ -97,15 +97,14 @@ def phases(found: Sums, shape: int, c: Array, weight: Array) -> Array:
     return turns[np.argmax(gain, axis=1)]
 
 
-def refined(kind: Kind, courses: Sequence[Course], shapes: Array, best: int) -> Array:
-    """[P, d] shapes around the best, closer together than in the grid."""
-    here = shapes[best]
+def refined(kind: Kind, shapes: Array, here: Array, zoom: float) -> Array:
+    """[P, d] shapes around one of them, `here` [d], closer together than in the grid by `zoom` and more."""
     if kind.name == "material_periodicity":
         waves = 1.0 / shapes[:, 0]
-        step = abs(waves[1] - waves[0]) if len(waves) > 1 else 1.0
+        step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
         return 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)[:, None]
     if kind.name == "layered_material":
-        step = float(np.min(np.diff(np.unique(shapes[:, 0])))) if len(shapes) > 1 else 1e-3
+        step = float(np.min(np.diff(np.unique(shapes[:, 0])))) / zoom if len(shapes) > 1 else 1e-3
         shift = step * np.linspace(-1.0, 1.0, 13)
         ends = here[0] + here[1]
         return np.asarray(

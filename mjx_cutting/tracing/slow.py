@@ -36,6 +36,7 @@ from mjx_cutting.trials.dataset import Dataset
 MOST_SLOW = 3
 _HATS = 24
 _SHARE_OF_FREE = 0.7
+_ZOOMS = (1.0, 6.0, 36.0)
 Array = NDArray[np.floating]
 
 
@@ -150,14 +151,15 @@ def _try(
 ) -> SlowCandidate:
     shapes = kind.grid(trials)
     everyone = np.ones(len(trials))
-    coarse = sums(kind.columns, trials, shapes)
-    near = refined(kind, trials, shapes, solve(coarse, everyone, weight)[0])
-    close = sums(kind.columns, trials, near)
-    shapes = np.concatenate([shapes, near])
-    found = Sums(
-        np.concatenate([coarse.square, close.square], axis=1),
-        np.concatenate([coarse.product, close.product], axis=1),
-    )
+    found, grid = sums(kind.columns, trials, shapes), shapes
+    for zoom in _ZOOMS:
+        near = refined(kind, grid, shapes[solve(found, everyone, weight)[0]], zoom)
+        close = sums(kind.columns, trials, near)
+        shapes = np.concatenate([shapes, near])
+        found = Sums(
+            np.concatenate([found.square, close.square], axis=1),
+            np.concatenate([found.product, close.product], axis=1),
+        )
     best, c = _fit(kind, found, everyone, weight)
     effect = kind.build(shapes[best], c)
     error = np.zeros_like(before.error_n2)
@@ -178,6 +180,8 @@ def _try(
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
+        decision = replace(decision, accepted=False, reasons=(why,))
+    if decision.accepted and kind.ends is not None and (why := kind.ends(trials, effect)):
         decision = replace(decision, accepted=False, reasons=(why,))
     own_c = _in_each(kind, found, best, c, weight)
     added = tuple(

@@ -89,7 +89,8 @@ class SensorLowpass(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[np.log(hz / TYPICAL_HZ), 0.5 * n] for hz in (50.0, 200.0) for n in (1, 2, 4)])
+        corners = np.geomspace(30.0, 600.0, 6)
+        return np.asarray([[np.log(hz / TYPICAL_HZ), 0.5 * n] for hz in corners for n in (1, 2, 3, 4)])
 
     @classmethod
     def identity(cls, tool: Tool) -> SensorLowpass:
