@@ -50,24 +50,37 @@ def test_a_periodic_material_is_named_with_its_size():
         [np.sum(e) / (RATE_HZ * SECONDS) for e in found.heldout.energy_n2])), rel=0.05)  # fmt: skip
 
 
-def test_a_layer_is_named_with_its_place():
+def _with_a_layer(change: float, start_m: float, end_m: float):
+    """The rounds on six cuts whose force changes by a share of it between two places."""
     trials = _trials(lambda s, i: 0.0 * s)[0]
-    inside = lambda s: (s > 0.01) & (s < 0.018)  # noqa: E731
-    added = [0.4 * inside(each.position_m)[:, None] * (each.chip_n + each.edge_n) for each in trials]
-    left = [each.left_n + more - more.mean(axis=0) for each, more in zip(trials, added, strict=True)]
+    left = []
+    for each in trials:
+        inside = (each.position_m > start_m) & (each.position_m < end_m)
+        more = change * inside[:, None] * (each.chip_n + each.edge_n)
+        left.append(each.left_n + more - more.mean(axis=0))
     made = tuple(
         Course(t.time_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
         for t, one in zip(trials, left, strict=True)
     )
     error = np.stack([np.sum(one**2, axis=0) for one in left])
     before = HeldOut(error, 20.0 * error + 1e4, None, np.arange(TRIALS))
-    rounds = search_slow(made, before, np.full(3, 1.0 / NOISE_N))
-    found = rounds[0].accepted
+    return search_slow(made, before, np.full(3, 1.0 / NOISE_N))
+
+
+def test_a_layer_is_named_with_its_place():
+    found = _with_a_layer(0.4, 0.01, 0.018)[0].accepted
     assert found is not None and found.kind.name == "layered_material"
     values = found.effect.values()
-    assert values["start_m"] == pytest.approx(0.01, abs=5e-4)
-    assert values["length_m"] == pytest.approx(0.008, abs=1e-3)
-    assert values["change"] == pytest.approx(0.4, rel=0.1)
+    assert values["start_m"] == pytest.approx(0.01, abs=1e-4)
+    assert values["length_m"] == pytest.approx(0.008, abs=1e-4)
+    assert values["change"] == pytest.approx(0.4, rel=0.05)
+
+
+def test_force_that_is_missing_at_the_end_of_the_path_is_no_layer():
+    (round_,) = _with_a_layer(-0.6, -1.0, 0.006)
+    assert round_.accepted is None
+    layer = next(each for each in round_.candidates if each.kind.name == "layered_material")
+    assert "enters or leaves the sheet" in layer.decision.reasons[0]
 
 
 def test_noise_is_given_no_name():
