@@ -84,13 +84,13 @@ def table(strategies: Mapping[str, Any], sheets: Sequence[str], title: str) -> A
 
 
 def save(figure: Any, path: Path) -> Path:
-    """Write a figure as a PNG of few colours, coarser where it would be too large, and return the path."""
+    """Write a figure as a PNG of 256 colours, coarser where it would be too large, and return the path."""
     from PIL import Image
 
     for dots_per_inch in (110, 90, 75, 60, 50):
         drawn, small = io.BytesIO(), io.BytesIO()
         figure.savefig(drawn, format="png", dpi=dots_per_inch)
-        Image.open(drawn).convert("RGB").quantize(64).save(small, format="png", optimize=True)
+        Image.open(drawn).convert("RGB").quantize(256).save(small, format="png", optimize=True)
         if small.tell() <= MOST_BYTES:
             break
     return _files.write_atomic(path, small.getvalue())
