@@ -178,6 +178,7 @@ class _Work:
             "noise_floor_nrmse": verdict["noise_floor_nrmse"],
             "verdict": verdict["verdict"],
             "named": [each["name"] for each in verdict["effects"]],
+            "effects": {each["name"]: each["parameters"] for each in verdict["effects"]},
             "trials": len(tracing.before),
             "reward": {name: float(np.mean(values)) for name, values in rewards.items()},
             "rewards": rewards,

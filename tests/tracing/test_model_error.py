@@ -1,0 +1,52 @@
+"""How far the tolerated error of a model moves its parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mjx_cutting import _platform
+from mjx_cutting.cutting import effect_class
+from mjx_cutting.tracing.candidate import fitted
+from mjx_cutting.tracing.descent import Descent
+from mjx_cutting.tracing.fit import base_starts, effect_starts, fit
+from mjx_cutting.tracing.heldout import folds
+from mjx_cutting.tracing.lines import compress, trusted_band
+from mjx_cutting.tracing.model_error import model_errors, tolerated
+from mjx_cutting.tracing.problem import pose
+from mjx_cutting.trials.synthetic import Hidden
+
+RUNOUT = effect_class("radial_runout")
+
+
+@pytest.fixture(scope="module")
+def session(mill):
+    with _platform.x64():
+        dataset = mill(Hidden(runout_m=1.2e-5, runout_angle_rad=0.7), seed=2)
+        lines = compress(dataset, trusted_band(dataset, None))
+        problem = pose(dataset, lines)
+        base = fit(problem, (), base_starts(problem))
+        start = effect_starts(problem, RUNOUT, base.x)[-1]
+        found, _ = fitted(problem, lines, (RUNOUT,), start, folds(dataset, 0))
+        yield problem, lines, found
+
+
+def test_no_smaller_change_of_the_model_moves_a_parameter_as_far(session):
+    """Whatever the other unknowns do, a runout off by the error told changes the lines by the tolerance."""
+    problem, lines, found = session
+    error = float(model_errors(problem, lines, (RUNOUT,), found.x)[0]["offset_m"])
+    x = np.asarray(found.x)
+    longer = np.concatenate([x[:-2], x[-2:] * (1.0 + error / float(found.model.effects[0].offset_m))])
+    descent = Descent(problem, (RUNOUT,))
+    here, moved = descent.rows(np.stack([x, longer])).left
+    slope, change = descent.slope(x, here)[: descent.measured], (moved - here)[: descent.measured]
+    turned = slope[:, -2:] @ np.array([-x[-1], x[-2]])
+    others = np.column_stack([slope[:, :-2], turned])
+    left = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
+    assert np.linalg.norm(left) == pytest.approx(tolerated(problem, lines), rel=0.1)
+
+
+def test_error_is_a_small_part_of_a_large_effect(session):
+    problem, lines, found = session
+    error = float(model_errors(problem, lines, (RUNOUT,), found.x)[0]["offset_m"])
+    assert 1e-4 < error / 1.2e-5 < 0.2
