@@ -54,6 +54,8 @@ def _dip(results: Results) -> Judged:
             [np.mean(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in rewards]
         )
     mean = mean[np.isfinite(mean)]
+    if len(mean) < 2 or np.ptp(mean) == 0.0:  # no two iterations in which episodes ended
+        return NOT_COMPARABLE, {"steps": float(steps[-1])}
     width = max(1, len(mean) // 30)
     smooth = np.convolve(mean, np.ones(width) / width, "valid")
     span = float(np.ptp(smooth))

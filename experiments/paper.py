@@ -169,14 +169,17 @@ def curve(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return steps, np.where(ended > 0, reward, np.nan)
 
 
-def learned(folder: Path, share: float = 0.95, width: int = 20) -> dict[str, float]:
+def learned(folder: Path, share: float = 0.95, width: int = 20) -> dict[str, float] | None:
     """Return when a training had made a share of its gain in reward: policy steps of one seed and seconds.
 
-    The reward is the mean over seeds and over the last `width` iterations in which episodes ended for all.
+    The reward is the mean over seeds and over the last `width` iterations in which episodes ended for all;
+    None where there was no such iteration.
     """
     lines = read_lines(folder / METRICS)
     steps, rewards = curve(folder)
     told = np.flatnonzero(np.isfinite(rewards).all(axis=1))
+    if not len(told):
+        return None
     mean = rewards[told].mean(axis=1)
     width = min(width, len(mean))
     smooth = np.convolve(mean, np.ones(width) / width, "valid")

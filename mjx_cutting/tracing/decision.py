@@ -122,7 +122,7 @@ def interval(
     error = np.maximum(spread, laplace)
     # the surest entry; what the trials do not move (held at a bound, say) says nothing, unless nothing moves
     moved = spread > _UNMOVED * np.abs(value)
-    sure = np.where(moved, np.abs(value) / np.maximum(error, 1e-300), -1.0)
+    sure = np.where(moved, np.abs(value) / np.where(moved, error, 1.0), -1.0)
     tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
     quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
     half = quantile * error + np.ravel(model_error)
