@@ -23,7 +23,7 @@ from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.cutting.average import mean_load
 from mjx_cutting.tracing.decision import decide, interval
 from mjx_cutting.tracing.descent import Descent
-from mjx_cutting.tracing.fit import base_starts, fit, reweighted
+from mjx_cutting.tracing.fit import fit_base
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, compress
@@ -72,10 +72,7 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
         laws.append(own)
         centres[~keep] = about[~keep]
     near = compress(dataset, lines.band_hz, about_rev_s=stated, orders=lines.orders)
-    problem = pose(dataset, near)
-    base = fit(problem, (), base_starts(problem))
-    problem = reweighted(problem, base)
-    base = fit(problem, (), base_starts(problem))
+    problem, base = fit_base(pose(dataset, near))
     before = held_out(problem, near, (), base.x, found.base.fold)
     after = _within_reach(dataset, lines, found, centres, stated)
     parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", value, np.array(laws), error)}

@@ -66,6 +66,13 @@ def fit(problem: Problem, effects: Effects, starts: np.ndarray[Any, Any]) -> Fit
     return jax.tree.map(lambda leaf: leaf[best], tries)
 
 
+def fit_base(problem: Problem) -> tuple[Problem, Fit]:
+    """The base model on all trials, and the problem weighted by what it leaves."""
+    found = fit(problem, (), base_starts(problem))
+    problem = reweighted(problem, found)
+    return problem, fit(problem, (), np.asarray(found.x)[None])
+
+
 def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
     """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force."""
     rows = [
@@ -114,10 +121,7 @@ def _fit_rows(
 
 
 def by_differences(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """The function [U] -> [...] with its derivative taken by forward differences.
-
-    Compiling the derivative of a force model costs several times what compiling the model does.
-    """
+    """The function [U] -> [...] with its derivative by forward differences: no derivative is compiled."""
     differenced = jax.custom_jvp(function)
 
     def jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:

@@ -18,13 +18,7 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.candidate import Round, parameters, try_effect
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.exchange import reconsider
-from mjx_cutting.tracing.fit import (
-    Effects,
-    Fit,
-    base_starts,
-    fit,
-    reweighted,
-)
+from mjx_cutting.tracing.fit import Effects, Fit, fit, fit_base, reweighted
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.problem import Problem
@@ -67,9 +61,7 @@ def search(
 ) -> Search:
     """Run the search; `progress` is told what is being tried."""
     progress("base model")
-    base = fit(problem, (), base_starts(problem))
-    problem = reweighted(problem, base)
-    base = fit(problem, (), np.asarray(base.x)[None])
+    problem, base = fit_base(problem)
     base_heldout = held_out(problem, lines, (), base.x, fold)
     effects: Effects = ()
     current, heldout = base, base_heldout

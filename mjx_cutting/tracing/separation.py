@@ -32,7 +32,7 @@ _MENU = (
     ("3 % faster, at the same feed per tooth", {"feed": 1.03, "speed": 1.03}),
     ("at 0.6 times the speed, at the same feed per tooth", {"feed": 0.6, "speed": 0.6}),
     ("at 1.6 times the speed, at the same feed per tooth", {"feed": 1.6, "speed": 1.6}),
-    ("in air, at the same speed", {"depth": 0.0, "feed": 1.0}),
+    ("in air, at the same speed", {"depth": 0.0}),
 )
 _DEEPEST = 0.9
 
@@ -102,8 +102,8 @@ def _changed(
     speed: float = 1.0,
 ) -> Cut:  # fmt: skip
     diameter = dataset.tool.diameter_m
-    radial = float(cut.radial_depth_m) * (1.0 if slot else depth)
-    radial = min(radial, _DEEPEST * diameter) if not slot else radial
+    radial = float(cut.radial_depth_m)
+    radial = radial if slot else min(radial * depth, _DEEPEST * diameter)
     entry, exit_ = arc(milling or "slot", radial, diameter)
     if depth == 0.0:
         exit_ = entry
