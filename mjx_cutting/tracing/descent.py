@@ -9,7 +9,7 @@ Gauss-Newton steps follow, each at the best of several dampings.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import jax
@@ -26,6 +26,7 @@ from mjx_cutting.tracing.problem import (
     model_at,
     model_lines,
     out_of_range,
+    padded,
     residual_of_lines,
     shared_bias,
 )
@@ -61,6 +62,11 @@ class Descent:
     effects: Effects
     phase_rad: Matrix = field(default_factory=lambda: np.zeros(()))
 
+    @cached_property
+    def padded(self) -> Problem:
+        """The problem as it is computed; only its first trials count."""
+        return padded(self.problem)
+
     @property
     def measured(self) -> int:
         """Rows of a residual that are measurements; penalties follow them."""
@@ -68,12 +74,14 @@ class Descent:
 
     def rows(self, x: Matrix) -> Rows:
         """Residuals at `x` [n, U]."""
-        phase = jnp.broadcast_to(jnp.asarray(self.phase_rad), (self.problem.trials,))
+        problem, trials = self.padded, self.problem.trials
+        phase = jnp.asarray(np.pad(np.broadcast_to(self.phase_rad, (trials,)), (0, problem.trials - trials)))
         parts = []
         for first in range(0, len(x), _ROWS):
             chosen = x[np.minimum(np.arange(first, first + _ROWS), len(x) - 1)]
-            lines, bias, outside = _lines(self.problem, jnp.asarray(chosen), self.effects)
-            parts.append([*map(np.asarray, _compare(self.problem, lines, bias, phase)), np.asarray(outside)])
+            lines, bias, outside = _lines(problem, jnp.asarray(chosen), self.effects)
+            by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias, phase)]
+            parts.append([*by_trial, np.asarray(outside)])
         weighted, mark, error, outside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
         left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
         left = np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9)

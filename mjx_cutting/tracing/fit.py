@@ -25,6 +25,7 @@ from mjx_cutting.tracing.problem import (
     model_at,
     model_lines,
     out_of_range,
+    padded,
     rescaled,
     residual_of_lines,
     shared_bias,
@@ -112,12 +113,14 @@ def _fit_rows(
     problem: Problem, effects: Effects, starts: np.ndarray[Any, Any], use: np.ndarray[Any, Any]
 ) -> Fit:
     """Fits in batches of one size, so that one compilation serves starts and held-out sets alike."""
-    parts = []
+    parts, more = [], padded(problem)
+    use = np.pad(use, ((0, 0), (0, more.trials - problem.trials)))
     for first in range(0, len(starts), _ROWS):
         chosen = np.minimum(np.arange(first, first + _ROWS), len(starts) - 1)
-        parts.append(_fit_batch(problem, effects, jnp.asarray(starts[chosen]), jnp.asarray(use[chosen])))
-    whole = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves]), *parts)
-    return jax.tree.map(lambda leaf: leaf[: len(starts)], whole)
+        parts.append(_fit_batch(more, effects, jnp.asarray(starts[chosen]), jnp.asarray(use[chosen])))
+    whole: Fit = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves]), *parts)
+    whole = jax.tree.map(lambda leaf: leaf[: len(starts)], whole)
+    return eqx.tree_at(lambda fit: fit.error_n2, whole, whole.error_n2[:, : problem.trials])
 
 
 def by_differences(function: Callable[[Array], Array]) -> Callable[[Array], Array]:

@@ -23,6 +23,7 @@ Array = NDArray[np.floating]
 _RIDGE = 1e-9
 _TOOTH_HARMONICS = 6
 _MOST_ORDERS = 160
+_SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128)
 _INAUDIBLE = 100.0
 _BESIDE = 1.5
 
@@ -164,7 +165,9 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
     if sensor.anti_alias is not None:
         alias = sensor.anti_alias
         heard &= (frequency / alias.hz) ** alias.order < _INAUDIBLE
-    return int(order[heard].max(initial=1))
+    highest = int(order[heard].max(initial=1))
+    # in few sizes, so that what is compiled for one data set serves others
+    return next((size for size in _SIZES if size >= highest), _MOST_ORDERS)
 
 
 def _folded(frequency_hz: Array, rate_hz: float) -> Array:

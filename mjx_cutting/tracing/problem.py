@@ -34,9 +34,11 @@ _FEWEST_ANGLES = 128
 _ANGLES_PER_ORDER = 12
 _PHASES = 1024
 _GAUSS_NEWTON = 4
+_TERMS = 3
 _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
-_ARC_STEP = np.pi / 32.0
+_ARC_STEP = np.pi / 8.0
+_TRIALS_STEP = 4
 
 
 class Problem(eqx.Module):
@@ -152,6 +154,18 @@ def unknowns(problem: Problem, effects: Sequence[type[AbstractEffect]]) -> int:
     return CONSTANTS + (3 if problem.shared_bias else 0) + sum(e.size(problem.tool) for e in effects)
 
 
+def padded(problem: Problem) -> Problem:
+    """The problem with its last trial repeated up to a multiple of four: what is compiled for it serves more
+    data sets. What the repeated trials leave is for the caller to drop."""
+    rows = -(-problem.trials // _TRIALS_STEP) * _TRIALS_STEP
+    index = np.minimum(np.arange(rows), problem.trials - 1)
+
+    def by_trial(problem: Problem) -> tuple[Any, ...]:
+        return problem.cut, problem.whitened, problem.factor, problem.present, problem.gain
+
+    return eqx.tree_at(by_trial, problem, jax.tree.map(lambda leaf: leaf[index], by_trial(problem)))
+
+
 def rescaled(problem: Problem, factor: float) -> Problem:
     """The same problem with every standard deviation multiplied by `factor`."""
     return eqx.tree_at(lambda p: p.weight, problem, problem.weight / factor)
@@ -262,31 +276,54 @@ def _solve_trial(
     # closed-form bias with its prior: share of the projection on the constant that a bias takes away
     absorbed = (weight * spread) ** 2 * norm / (1.0 + (weight * spread) ** 2 * norm)
 
-    def left(lines: Array, phase: Array) -> Array:
-        return whitened - factor.T @ (_real(_turned(lines, phase), present).at[0].add(shared))
-
-    def slope_of(lines: Array, phase: Array) -> Array:
-        return without_bias(-factor.T @ _real(_turned(lines, phase) * order, present)) * weight
-
     def without_bias(value: Array) -> Array:
         return value - jnp.outer(constant, absorbed * (constant @ value) / norm)
 
-    def better(_: int, phase: Array) -> Array:
-        slope, now = slope_of(still, phase), without_bias(left(still, phase)) * weight
-        return phase - jnp.sum(slope * now) / jnp.maximum(jnp.sum(slope**2), 1e-30)
-
-    order = jnp.arange(problem.orders + 1)[:, None] * 1j
     still = jax.lax.stop_gradient(lines)
-    phase = jax.lax.fori_loop(0, _GAUSS_NEWTON, better, _best_phase(still, whitened, factor, weight))
-    phase = jax.lax.stop_gradient(phase)
-    remaining = left(lines, phase)
-    slope = slope_of(still, phase)
+    start = _best_phase(still, whitened, factor, weight)
+    columns = _derivatives(_real(_turned(still, start), present), _TERMS)
+    columns[0] = columns[0].at[0].add(shared)
+    now, *slopes = jnp.split(-factor.T @ jnp.concatenate(columns, axis=1), 1 + _TERMS, axis=1)
+    expansion = jnp.stack([without_bias(each) * weight for each in (whitened + now, *slopes)])
+    phase = jax.lax.stop_gradient(start + _least_turn(expansion.reshape(1 + _TERMS, -1)))
+    real = _real(_turned(lines, phase), present)
+    remaining = whitened - factor.T @ real.at[0].add(shared)
+    slope = without_bias(-factor.T @ jax.lax.stop_gradient(_derivatives(real, 1)[1])) * weight
     keep = 1.0 - jnp.sqrt(1.0 - absorbed)
     projected = (remaining - jnp.outer(constant, keep * (constant @ remaining) / norm)) * weight
     slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
     projected = projected - slope * jnp.sum(slope * projected)
     bias = jnp.where(spread > 0.0, (constant @ remaining) / norm, 0.0)
     return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
+
+
+def _derivatives(real: Array, highest: int) -> list[Array]:
+    """[P, A] each: coefficients of 1, cos, sin, and their derivatives by the phase up to the highest."""
+    order = jnp.arange(1, 1 + real.shape[0] // 2)[:, None]
+    cosine, sine = real[1::2], real[2::2]
+    turned = jnp.stack([order * sine, -order * cosine], axis=1).reshape(-1, real.shape[1])
+    found = [real, jnp.concatenate([jnp.zeros_like(real[:1]), turned])]
+    square = jnp.concatenate([jnp.zeros((1, 1)), jnp.repeat(order, 2, axis=0)]) ** 2
+    while len(found) <= highest:
+        found.append(-square * found[-2])
+    return found
+
+
+def _least_turn(expansion: Array) -> Array:
+    """[] turn at which a residual, given by its value and derivatives [1 + terms, M], is least.
+
+    Gauss-Newton on the Taylor series, of which only inner products are needed.
+    """
+    product = expansion @ expansion.T
+    terms = len(product)
+    factorial = np.cumprod([1.0, *range(1, terms)])
+
+    def better(_: int, turn: Array) -> Array:
+        value = turn ** np.arange(terms) / factorial
+        slope = jnp.concatenate([jnp.zeros(1), value[:-1]])
+        return turn - slope @ product @ value / jnp.maximum(slope @ product @ slope, 1e-30)
+
+    return jax.lax.fori_loop(0, _GAUSS_NEWTON, better, jnp.zeros((), product.dtype))
 
 
 def _turned(lines: Array, phase: Array) -> Array:
