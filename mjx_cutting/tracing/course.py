@@ -13,7 +13,7 @@ are in `shapes`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -37,6 +37,7 @@ class Course:
         chip_n, edge_n: [T, 3] waves of the chip and the edge, N.
         left_n: [T, 3] measured less predicted, N.
         rate_hz, band_hz: sampling rate and the band compared.
+        index: place among the cut trials; angle_rad: [T] angle of tooth 0 as fitted.
     """
 
     time_s: Array
@@ -47,6 +48,8 @@ class Course:
     left_n: Array
     rate_hz: float
     band_hz: tuple[float, float]
+    index: int = 0
+    angle_rad: Array = field(default_factory=lambda: np.zeros(0))
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate."""
@@ -91,6 +94,7 @@ class Kind:
         own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
         ends: why an effect found is rather the end of the sheet, in words; "" where it is not.
+        refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Kind:
     build: Callable[[Array, Array], AbstractEffect]
     own_phase: bool = False
     ends: Callable[[Sequence[Course], AbstractEffect], str] | None = None
+    refine: Callable[[Array, Array, float], Array] | None = None
 
     @property
     def effect(self) -> type[AbstractEffect]:
@@ -131,6 +136,12 @@ def _periodic_effect(shape: Array, c: Array) -> AbstractEffect:
     )
 
 
+def _waves_near(shapes: Array, here: Array, zoom: float) -> Array:
+    waves = 1.0 / shapes[:, 0]
+    step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
+    return 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)[:, None]
+
+
 def _layers(courses: Sequence[Course]) -> Array:
     low = min(float(each.position_m.min()) for each in courses)
     high = max(float(each.position_m.max()) for each in courses)
@@ -145,6 +156,14 @@ def _layer(course: Course, shape: Array) -> Array:
     since = course.position_m - shape[0]
     inside = np.clip(0.5 + np.minimum(since, shape[1] - since) / 1e-4, 0.0, 1.0)
     return (inside[:, None] * (course.chip_n + course.edge_n))[..., None]
+
+
+def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
+    step = float(np.min(np.diff(np.unique(shapes[:, 0])))) / zoom if len(shapes) > 1 else 1e-3
+    shift = step * np.linspace(-1.0, 1.0, 13)
+    ends = here[0] + here[1]
+    pairs = [(here[0] + a, ends + b - here[0] - a) for a in shift for b in shift]
+    return np.asarray([pair for pair in pairs if pair[1] > 0.2 * step])
 
 
 def _layer_at_the_end(courses: Sequence[Course], effect: AbstractEffect) -> str:
@@ -210,8 +229,16 @@ _FEWEST_WAVES = 4.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.03
 KINDS: tuple[Kind, ...] = (
-    Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect),
-    Kind("layered_material", _always, _layers, _layer, _layer_effect, ends=_layer_at_the_end),
+    Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect, refine=_waves_near),
+    Kind(
+        "layered_material",
+        _always,
+        _layers,
+        _layer,
+        _layer_effect,
+        ends=_layer_at_the_end,
+        refine=_layers_near,
+    ),
     Kind(
         "mains_pickup",
         lambda courses: courses[0].band_hz[1] > 50.0,
@@ -228,7 +255,7 @@ KINDS: tuple[Kind, ...] = (
         _stair_effect,
     ),
 )
-"""Slow effects that tracing looks for by itself."""
+"""Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
 
 
 def as_values(effect: AbstractEffect) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.tracing.course import Course, Kind
+from mjx_cutting.tracing.course import Course
 
 _PHASES = 256
 _ALIGNED = 8
@@ -95,24 +95,3 @@ def phases(found: Sums, shape: int, c: Array, weight: Array) -> Array:
     square = np.einsum("rakl,a->rkl", found.square[:, shape], weight**2)
     gain = 2.0 * product @ turned.T - np.einsum("pk,rkl,pl->rp", turned, square, turned)
     return turns[np.argmax(gain, axis=1)]
-
-
-def refined(kind: Kind, shapes: Array, here: Array, zoom: float) -> Array:
-    """[P, d] shapes around one of them, `here` [d], closer together than in the grid by `zoom` and more."""
-    if kind.name == "material_periodicity":
-        waves = 1.0 / shapes[:, 0]
-        step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
-        return 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)[:, None]
-    if kind.name == "layered_material":
-        step = float(np.min(np.diff(np.unique(shapes[:, 0])))) / zoom if len(shapes) > 1 else 1e-3
-        shift = step * np.linspace(-1.0, 1.0, 13)
-        ends = here[0] + here[1]
-        return np.asarray(
-            [
-                (here[0] + a, ends + b - here[0] - a)
-                for a in shift
-                for b in shift
-                if ends + b - here[0] - a > 0.2 * step
-            ]
-        )
-    return here[None]

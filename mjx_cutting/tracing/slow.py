@@ -26,7 +26,6 @@ from mjx_cutting.tracing.shapes import (
     Sums,
     error_change,
     phases,
-    refined,
     solve,
     solve_in_phase,
     sums,
@@ -94,6 +93,8 @@ def courses(
                 left_n=each.residual_n,
                 rate_hz=dataset.sensor.sample_rate_hz,
                 band_hz=lines.band_hz,
+                index=index,
+                angle_rad=each.angle_rad,
             )
         )
     return tuple(found)
@@ -114,6 +115,7 @@ def search_slow(
     before: HeldOut,
     weight: Array,
     names: Sequence[str] | None = None,
+    kinds: Sequence[Kind] = KINDS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[SlowRound, ...]:
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
@@ -122,9 +124,10 @@ def search_slow(
         trials: courses of the cut trials.
         before: held-out error of the steady model, with its folds.
         weight: [3] 1 / standard deviation of each axis.
-        names: effects to try; default all of `KINDS`.
+        names: effects to try of `kinds`; default all.
+        kinds: how each is looked for.
     """
-    open_ = [kind for kind in KINDS if (names is None or kind.name in names) and kind.testable(trials)]
+    open_ = [kind for kind in kinds if (names is None or kind.name in names) and kind.testable(trials)]
     rounds: list[SlowRound] = []
     while open_ and len(rounds) < MOST_SLOW:
         free = _free_in_position(trials, before, weight)
@@ -153,7 +156,9 @@ def _try(
     everyone = np.ones(len(trials))
     found, grid = sums(kind.columns, trials, shapes), shapes
     for zoom in _ZOOMS:
-        near = refined(kind, grid, shapes[solve(found, everyone, weight)[0]], zoom)
+        if kind.refine is None:
+            break
+        near = kind.refine(grid, shapes[solve(found, everyone, weight)[0]], zoom)
         close = sums(kind.columns, trials, near)
         shapes = np.concatenate([shapes, near])
         found = Sums(

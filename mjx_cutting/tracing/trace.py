@@ -8,26 +8,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
-from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool, effect_class
+from mjx_cutting.cutting import AbstractEffect, ForceModel, effect_class
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.droop import NAME as DROOP
 from mjx_cutting.tracing.droop import find_droop
 from mjx_cutting.tracing.evidence import evidence
-from mjx_cutting.tracing.heldout import HeldOut, folds
+from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.isolability import isolability
 from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
-from mjx_cutting.tracing.lines import Lines, compress, trusted_band
-from mjx_cutting.tracing.prediction import Prediction, predictions
-from mjx_cutting.tracing.problem import pose, shared_bias
-from mjx_cutting.tracing.search import Search, search
+from mjx_cutting.tracing.lines import Lines, trusted_band
+from mjx_cutting.tracing.once import Pass, once
+from mjx_cutting.tracing.prediction import Prediction
+from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.selfexcited import find_vibration
-from mjx_cutting.tracing.slow import SlowRound, courses, search_slow
+from mjx_cutting.tracing.sheet import inside_the_sheet
+from mjx_cutting.tracing.slow import SlowRound
 from mjx_cutting.tracing.verdict import final, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
@@ -37,7 +37,7 @@ class Tracing:
     """Everything a tracing found.
 
     Fields:
-        dataset: the trials.
+        dataset: the trials, cut down to where the tool is in the sheet if they went beyond it.
         lines, search: their lines, the outcome of the search over steady effects.
         slow: rounds of the search over effects that change along a trial.
         base_model, model: force model without and with the effects named.
@@ -95,50 +95,68 @@ def trace(
     _check(dataset)
     dataset = as_levels(dataset)
     with _platform.x64():
-        progress("reading the lines of every trial")
-        lines = compress(dataset, trusted_band(dataset, band_hz))
-        problem = pose(dataset, lines)
-        found = search(problem, lines, steady, folds(dataset, seed), progress)
-        problem = found.problem
-        base_model = _named(dataset, found.base_fit.model)
-        model = _named(dataset, found.final_fit.model)
-        before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
-        after = predictions(dataset, lines, problem, model, shared_bias(problem, found.final_fit.x))
-        trials = courses(dataset, lines, problem, found.final_fit.model, after)
-        weight = np.asarray(problem.weight)
-        slow = search_slow(trials, found.final, weight, [kind.name for kind in kinds], progress)
-        accepted = [each.accepted for each in slow if each.accepted is not None]
-        after = tuple(
-            replace(one, predicted_n=one.predicted_n + sum(each.added_n[index] for each in accepted))
-            for index, one in enumerate(after)
-        )
-        model = model.with_effects(*(each.effect for each in accepted))
-        shaken = None
-        if any(kind.name == VIBRATION for kind in kinds) and dataset.tool.kind not in LEVEL_KINDS:
+        band = trusted_band(dataset, band_hz)
+
+        def one_pass(trials: Dataset) -> Pass:
+            return once(trials, band, kinds, steady, seed, progress)
+
+        found = inside_the_sheet(one_pass(dataset), one_pass)
+        if any(kind.name == VIBRATION for kind in kinds):
             progress("lines off the spindle's multiples")
-            shaken = find_vibration(dataset, lines, after, final(found, slow), weight)
-        if shaken is not None and shaken.round.accepted is not None:
-            slow = (*slow, shaken.round)
-            waves = zip(after, shaken.round.accepted.added_n, strict=True)
-            after = tuple(replace(one, predicted_n=one.predicted_n + wave) for one, wave in waves)
-        droop = find_droop(dataset, lines, found) if any(kind.name == DROOP for kind in kinds) else None
-        if droop is not None and droop.round.accepted is not None:
-            found, before = replace(found, base=droop.base), droop.before
-            model = model.with_effects(droop.round.accepted.effect)
-            slow = (droop.round, *slow)
+            found = _with_vibration(found)
+        if any(kind.name == DROOP for kind in kinds):
+            found = _with_droop(found)
         progress("testing what remains")
-        teeth = dataset.tool.teeth
-        depends_before = dependences(dataset, before, teeth, lines.orders)
-        depends_after = dependences(dataset, after, teeth, lines.orders)
-        named = (*found.effects, *(each.accepted.kind for each in slow if each.accepted))
-        reasons = {kind.name: evidence(kind, dataset, before, after) for kind in named}
-        if droop is not None and droop.round.accepted is not None:
-            reasons[DROOP] = [*reasons[DROOP], *droop.evidence]
-        if shaken is not None and shaken.round.accepted is not None:
-            reasons[VIBRATION] = [*reasons[VIBRATION], *shaken.evidence]
-        word = verdict(dataset, lines, found, slow, depends_before, depends_after, reasons)
+        teeth, orders = dataset.tool.teeth, found.lines.orders
+        depends_before = dependences(found.dataset, found.before, teeth, orders)
+        depends_after = dependences(found.dataset, found.after, teeth, orders)
+        reasons = {
+            kind.name: [
+                *evidence(kind, found.dataset, found.before, found.after), *found.evidence.get(kind.name, ())
+            ]
+            for kind in found.kinds
+        }  # fmt: skip
+        word = verdict(
+            found.dataset, found.lines, found.search, found.slow, depends_before, depends_after, reasons
+        )
     return Tracing(
-        dataset, lines, found, slow, base_model, model, before, after, depends_before, depends_after, word
+        found.dataset,
+        found.lines,
+        found.search,
+        found.slow,
+        found.base_model,
+        found.model,
+        found.before,
+        found.after,
+        depends_before,
+        depends_after,
+        word,
+    )
+
+
+def _with_vibration(found: Pass) -> Pass:
+    """Vibration that the cut itself keeps up, of which the frequency is told and no model made."""
+    weight = np.asarray(found.search.problem.weight)
+    if found.dataset.tool.kind in LEVEL_KINDS:
+        return found
+    shaken = find_vibration(found.dataset, found.lines, found.after, found.final, weight)
+    if shaken is None:
+        return found
+    return replace(found.with_round(shaken.round, shaken.evidence), model=found.model)
+
+
+def _with_droop(found: Pass) -> Pass:
+    """A spindle that gives way: its lines were read at the loaded speed, so it comes before all others."""
+    droop = find_droop(found.dataset, found.lines, found.search)
+    if droop is None or droop.round.accepted is None:
+        return found
+    return replace(
+        found,
+        search=replace(found.search, base=droop.base),
+        before=droop.before,
+        model=found.model.with_effects(droop.round.accepted.effect),
+        slow=(droop.round, *found.slow),
+        evidence=found.evidence | {DROOP: droop.evidence},
     )
 
 
@@ -160,11 +178,3 @@ def _check(dataset: Dataset) -> None:
     cuts = sum(trial.kind == "cut" for trial in dataset.trials)
     if cuts < 2:
         raise ValueError(f"{cuts} cut trial; tracing holds out by trial and needs at least two")
-
-
-def _named(dataset: Dataset, model: ForceModel) -> ForceModel:
-    """The model with the tool's full axial resolution and plain numbers, as others will use it."""
-    shape = dataset.tool
-    tool = Tool(shape.kind, shape.teeth, float(shape.diameter_m), float(shape.helix_rad))
-    plain = jax.tree.map(np.asarray, (model.material, model.effects))
-    return ForceModel(tool, *plain)

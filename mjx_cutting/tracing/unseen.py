@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-BESIDE_LINES = ("regenerative_chatter",)
+BESIDE_LINES = ("regenerative_chatter", "entry_exit")
 """Effects that are not steady and that tracing looks for in a way of their own."""
 
 _NEEDS = {
@@ -13,10 +13,6 @@ _NEEDS = {
     "process_damping": (
         "the tool's vibration while it cuts, which no force record holds: measure it at the tool, or find "
         "the depth at which chatter sets in at a quarter of the speed and at the full speed"
-    ),
-    "entry_exit": (
-        "a fit to the ramps at both ends of the sheet: leave the ends out of the trials, or give one trial "
-        "that begins in air and one that ends in air"
     ),
 }
 

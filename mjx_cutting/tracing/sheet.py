@@ -1,0 +1,256 @@
+"""Records that begin or end outside the sheet: traced where the tool is fully engaged, judged whole.
+
+A steady model fitted to records that hold the ramps at the ends of the sheet is wrong everywhere by a little.
+So once `ends` has found where the sheet begins or ends, the records are cut down to where the tool is fully
+in it, everything is traced on those, and what the geometry says is missing in the rest is held against the
+whole records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.cutting import effect_class
+from mjx_cutting.tracing.course import Course, along_path
+from mjx_cutting.tracing.decision import decide, gain_over_trials, interval
+from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at
+from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.lines import Lines, band_limit
+from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.prediction import wave
+from mjx_cutting.tracing.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.spindle import spindle_angle
+from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
+
+_LIKE_GEOMETRY = (0.5, 1.5)
+_LEAST_TURNS = 20
+_FEWEST = 4
+_FEWEST_IN_AIR = 10
+_CLEAR = 0.05
+_SAMPLES_PER_LINE = 3
+_CLOSER = (1.0, 0.2, 0.04)
+_STEP = 0.05
+Array = NDArray[np.floating]
+Ends = tuple[float, float]
+
+
+def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
+    """What was found, or if the sheet ends within the records, what `one_pass` finds on the rest of them."""
+    first = _ends_of_sheet(found.slow)
+    if first is None:
+        return found
+    start, end = _places(first)
+    reach = Ramps(found.lines, found.search.problem, found.model).reach_m
+    dataset = _zeroed_in_air(found.dataset, start, reach)
+    rest, kept = _engaged(dataset, found.lines, (start, end), reach)
+    if len(kept) < max(_FEWEST, len(reach) / 2):
+        return found
+    inside = one_pass(rest)
+    tried = next(len(each.candidates) for each in found.slow if first in each.candidates)
+    whole = _judged_whole(dataset, inside, first, tried)
+    if whole.accepted is None:
+        return found
+    values = whole.accepted.effect.values()
+    sentence = (
+        f"the sheet begins {1e3 * float(values['start_m']):.2f} mm along the path; everything else was "
+        f"traced where the tool is fully in it, {1e3 * reach.max():.1f} mm further on"
+    )
+    if not np.isfinite(start):
+        sentence = "everything else was traced where the tool is fully in the sheet"
+    if np.isfinite(end):
+        sentence += f"; the sheet ends at {1e3 * end:.2f} mm"
+    inside = inside.with_round(whole, (sentence,))
+    old = found.search.base
+    base = HeldOut(old.error_n2[kept], whole.before.energy_n2, None, inside.search.base.fold)
+    return replace(inside, search=replace(inside.search, base=base))
+
+
+def _places(found: SlowCandidate) -> Ends:
+    """Start and end of the sheet, m; infinite where it goes beyond the records."""
+    values = found.effect.values()
+    start, length = float(values["start_m"]), float(values["length_m"])
+    return start if start > NO_START_M else -np.inf, start + length if length < NO_END_M else np.inf
+
+
+def _ends_of_sheet(rounds: Sequence[SlowRound]) -> SlowCandidate | None:
+    """Entry and exit as found beside a first model, where they are the best of their round and about as the
+    geometry has them."""
+    for each in rounds:
+        best = each.candidates[0]
+        if best.kind.name == NAME:
+            low, high = _LIKE_GEOMETRY
+            clear = best.decision.gain > 2.0 * best.decision.gain_standard_error
+            return best if clear and low < float(best.effect.values()["share"]) < high else None
+    return None
+
+
+def _zeroed_in_air(dataset: Dataset, start_m: float, reach_m: Array) -> Dataset:
+    """The trials less what each shows before it touches the sheet, where all show enough of that.
+
+    A sensor zeroed before every trial leaves a bias in each that a fit can hardly tell from the force of a
+    tool that is always engaged; in the air it is there to be read.
+    """
+    if dataset.sensor.zeroed != "trial":
+        return dataset
+    trials, cuts = [], 0
+    for trial in dataset.trials:
+        if trial.kind == "cut":
+            air = along_path(trial) < start_m - _CLEAR * reach_m[cuts]
+            if air.sum() < _FEWEST_IN_AIR:
+                return dataset
+            trial = replace(trial, force_n=trial.force_n - trial.force_n[air].mean(axis=0))
+            cuts += 1
+        trials.append(trial)
+    return replace(dataset, trials=tuple(trials), sensor=replace(dataset.sensor, zeroed="session"))
+
+
+def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tuple[Dataset, list[int]]:
+    """The trials cut down to where the tool is fully in the sheet, without those of which too little is left;
+    and which of the cut trials remain.
+
+    Arguments:
+        ends: (start, end) of the sheet along the path, m.
+        reach_m: [R] way from the first touch until the tool is fully engaged, m.
+    """
+    least = _SAMPLES_PER_LINE * float(lines.present.sum(axis=1).max())
+    trials, kept, left_out = [], [], list(dataset.left_out)
+    cuts = 0
+    for trial in dataset.trials:
+        if trial.kind != "cut":
+            trials.append(trial)
+            continue
+        place = along_path(trial)
+        inside = np.flatnonzero((place >= ends[0] + reach_m[cuts]) & (place <= ends[1]))
+        turns = len(inside) / dataset.sensor.sample_rate_hz * trial.spindle_speed_rev_s
+        if len(inside) < least or turns < _LEAST_TURNS:
+            why = f"the tool is fully in the sheet for {turns:.0f} turns of it, fewer than {_LEAST_TURNS}"
+            left_out.append(LeftOut(trial.file, why))
+        else:
+            trials.append(_cut_down(trial, place, slice(int(inside[0]), int(inside[-1]) + 1)))
+            kept.append(cuts)
+        cuts += 1
+    return replace(dataset, trials=tuple(trials), left_out=tuple(left_out)), kept
+
+
+def _cut_down(trial: Trial, place: Array, part: slice) -> Trial:
+    records: dict[str, Any] = {
+        name: None if getattr(trial, name) is None else getattr(trial, name)[part]
+        for name in (
+            "time_s", "force_n", "torque_nm", "position_m", "spindle_angle_rad",
+            "spindle_speed_measured_rev_s", "feed_speed_measured_m_s",
+        )
+    }  # fmt: skip
+    if trial.position_m is None:
+        records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
+    return replace(
+        trial,
+        cut_length_before_m=trial.cut_length_before_m + float(place[part.start] - place[0]),
+        clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
+        **records,
+    )
+
+
+def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: int) -> SlowRound:
+    """Entry and exit on the whole records, beside a model traced inside the sheet.
+
+    Arguments:
+        dataset: the whole trials.
+        inside: what was found on them cut down.
+        first: what `ends` found on the whole records, with its places and their intervals.
+        tries: effects tried along a trial.
+    """
+    kind, final, weight = effect_class(NAME), inside.final, np.asarray(inside.search.problem.weight)
+    courses, ramps = _outside(dataset, inside)
+    shape = np.array(_places(first))
+    for closer in _CLOSER:
+        step = closer * _STEP * ramps[0].longest_m
+        shape = min(_around(shape, step), key=lambda each: _left(courses, ramps, each, weight))
+    columns = [ramp.missing(each, *shape) for each, ramp in zip(courses, ramps, strict=True)]
+    product = np.array(
+        [np.sum(x * each.left_n * weight**2) for x, each in zip(columns, courses, strict=True)]
+    )
+    square = np.array([np.sum(x * x * weight**2) for x in columns])
+    others = [final.fold != f for f in range(int(final.fold.max()) + 1)]
+    by_fold = np.array([product[rest].sum() / max(square[rest].sum(), 1e-300) for rest in others])
+    share = float(product.sum() / max(square.sum(), 1e-300))
+    rows = list(zip(courses, columns, by_fold[final.fold], strict=True))
+    energy = np.stack([np.sum((each.chip_n + each.edge_n) ** 2, axis=0) for each in courses])
+    bare = np.stack([np.sum(each.left_n**2, axis=0) for each, _, _ in rows])
+    told = np.stack([np.sum((each.left_n - own * x) ** 2, axis=0) for each, x, own in rows])
+    before = HeldOut(final.error_n2 + bare, energy, None, final.fold)
+    after = HeldOut(final.error_n2 + told, energy, None, final.fold)
+    gain, spread = gain_over_trials(before, after)
+    p = tries * float(stats.t.sf(gain / max(spread, 1e-300), max(len(others) - 1, 1)))
+    effect = effect_at(shape, np.array([share]))
+    parameters = {"share": interval(kind, "share", share, by_fold)}
+    for name in ("start_m", "length_m"):
+        old, new = first.decision.parameters[name], float(effect.values()[name])
+        parameters[name] = replace(
+            old, value=new, low=new - old.value + old.low, high=new - old.value + old.high
+        )
+    decision = decide(kind, before, after, min(p, 1.0), parameters)
+    silent = tuple(np.zeros_like(each.measured_n) for each in inside.after)
+    candidate = SlowCandidate(kind, effect, after, decision, silent)
+    return SlowRound(before, (candidate,), candidate if decision.accepted else None)
+
+
+def _outside(dataset: Dataset, inside: Pass) -> tuple[list[Course], list[Ramps]]:
+    """Every whole record as predicted fully engaged, its `left_n` nil where the tool was in the sheet; its
+    measured force stands for the edge's. Beside each, the ramps under the model fitted without its trial."""
+    fits, fold, lines = inside.search.final.fits, inside.search.final.fold, inside.lines
+    assert fits is not None
+    models = [jax.tree.map(lambda leaf, f=f: leaf[f], fits.model) for f in range(int(fold.max()) + 1)]
+    ramps = [Ramps(lines, inside.search.problem, model) for model in models]
+    rate = dataset.sensor.sample_rate_hz
+    courses = []
+    cuts = {trial.file: trial for trial in _cuts(dataset)}
+    pairs = [
+        (cuts[cut.file], cut, told) for cut, told in zip(_cuts(inside.dataset), inside.after, strict=True)
+    ]
+    for index, (trial, cut, told) in enumerate(pairs):
+        turned = spindle_angle(trial, told.speed_rev_s)
+        first = int(np.searchsorted(trial.time_s, cut.time_s[0]))
+        angle = turned + told.angle_rad[0] - turned[first]
+        steady = wave(lines, index, angle, ramps[fold[index]].whole(index), rate)
+        measured = band_limit(trial.force_n, rate, lines.band_hz)
+        left = measured - told.bias_n - steady
+        left[first : first + len(cut.time_s)] = 0.0
+        courses.append(
+            Course(
+                time_s=trial.time_s - trial.time_s[0],
+                position_m=along_path(trial),
+                feed_share=None,
+                chip_n=np.zeros_like(measured),
+                edge_n=measured,
+                left_n=left,
+                rate_hz=rate,
+                band_hz=lines.band_hz,
+                index=index,
+                angle_rad=angle,
+            )
+        )
+    return courses, [ramps[each] for each in fold]
+
+
+def _around(shape: Array, step: float) -> list[Array]:
+    """The ends moved together or apart by up to four steps; an end that is not there stays away."""
+    moves = step * np.arange(-4, 5)
+    starts = shape[0] + moves if np.isfinite(shape[0]) else shape[:1]
+    ends = shape[1] + moves if np.isfinite(shape[1]) else shape[1:]
+    return [np.array([a, b]) for a in starts for b in ends]
+
+
+def _left(courses: Sequence[Course], ramps: Sequence[Ramps], shape: Array, weight: Array) -> float:
+    pairs = zip(courses, ramps, strict=True)
+    return sum(float(np.sum(((c.left_n - ramp.missing(c, *shape)) * weight) ** 2)) for c, ramp in pairs)
+
+
+def _cuts(dataset: Dataset) -> list[Trial]:
+    return [trial for trial in dataset.trials if trial.kind == "cut"]

@@ -1,0 +1,85 @@
+"""Records that begin before the sheet: its edge is found, and everything else is traced inside it."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from mjx_cutting import _platform
+from mjx_cutting.cutting import ForceModel, effect_class
+from mjx_cutting.tracing.course import Course, along_path
+from mjx_cutting.tracing.ends import Ramps
+from mjx_cutting.tracing.fit import fit_base
+from mjx_cutting.tracing.lines import compress, trusted_band
+from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.sheet import _zeroed_in_air
+from mjx_cutting.tracing.trace import trace
+
+START_M, END_M = 1e-3, 30e-3
+
+
+@pytest.fixture(scope="module")
+def make():
+    """Sessions of the independent simulator."""
+    root = str(Path(__file__).resolve().parents[2])
+    sys.path.insert(0, root)
+    yield importlib.import_module("benchmarks.study").make
+    sys.path.remove(root)
+
+
+def test_force_missing_on_the_ramps_is_that_of_the_effect(mill):
+    """Lines of shortened arcs, interpolated, mean over a turn the same as the force path with entry and exit."""
+    with _platform.x64():
+        dataset = mill()
+        lines = compress(dataset, trusted_band(dataset, None))
+        problem, base = fit_base(pose(dataset, lines))
+        ramps = Ramps(lines, problem, base.model)
+        reach = float(ramps.reach_m[0])
+        turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+        bare = ForceModel(problem.tool, base.model.material)
+        ends = bare.with_effects(effect_class("entry_exit")(1.0, START_M, END_M - START_M))
+        cut = jax.tree.map(lambda leaf: leaf[0] + 0.0 * turn, problem.cut)
+        whole = np.abs(np.asarray(bare.process_force(cut.replace(angle_rad=turn))).mean(axis=0)).max()
+        for place in START_M + reach * np.array([-0.2, 0.02, 0.3, 0.77, 1.5, 3.0, 4.2]):
+            here = cut.replace(angle_rad=turn, position_m=place + 0.0 * turn, gate_rad=turn[1] + 0.0 * turn)
+            expected = np.asarray(ends.process_force(here) - bare.process_force(here)).mean(axis=0)
+            silent = np.zeros((len(turn), 3))
+            course = Course(
+                turn, 0.0 * turn + place, None, silent, silent, silent, 360.0, (0.0, 180.0), angle_rad=turn
+            )
+            found = ramps.missing(course, START_M, END_M).mean(axis=0)
+            np.testing.assert_allclose(found, expected, atol=0.01 * whole)
+
+
+def test_a_bias_is_read_where_the_tool_is_not_yet_in_the_sheet(mill):
+    dataset = mill(zeroed="trial")
+    shifted = [replace(t, force_n=t.force_n + np.array([5.0, -3.0, 1.0])) for t in dataset.trials]
+    dataset = replace(dataset, trials=tuple(shifted))
+    reach = np.full(len(shifted), 8e-3)
+    zeroed = _zeroed_in_air(dataset, 2e-3, reach)
+    assert zeroed.sensor.zeroed == "session"
+    for trial in zeroed.trials:
+        air = along_path(trial) < 2e-3 - 0.05 * 8e-3
+        np.testing.assert_allclose(trial.force_n[air].mean(axis=0), 0.0, atol=1e-9)
+    assert _zeroed_in_air(dataset, 0.0, reach) is dataset
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("design", ["mill", "saw"])
+def test_the_edge_of_the_sheet_is_named_with_its_place(make, design):
+    """Traced inside, what is left is the floor; the whole records then show the geometry, share one."""
+    case = make(design, {"entry_exit": "medium"}, 46 if design == "saw" else 45)
+    names = ["radial_runout", "entry_exit", "layered_material"]
+    found = trace(case.dataset, effects=names).verdict
+    (effect,) = found["effects"]
+    assert effect["name"] == "entry_exit"
+    truth = case.truth["effects"]["entry_exit"]["start_m"]
+    assert effect["parameters"]["start_m"]["value"] == pytest.approx(truth, abs=1.5e-4)
+    assert effect["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.02)
+    assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
