@@ -42,9 +42,8 @@ def evidence(
         )
     old = sum(float(np.sum(each.residual_n**2)) for each in before)
     new = sum(float(np.sum(each.residual_n**2)) for each in after)
-    sentences.append(
-        f"the final model leaves {new / max(old, 1e-300):.0%} of the base model's residual energy"
-    )
+    if new < old:
+        sentences.append(f"the final model leaves {new / old:.0%} of the base model's residual energy")
     return sentences
 
 

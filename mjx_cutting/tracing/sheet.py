@@ -29,7 +29,7 @@ from mjx_cutting.tracing.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
-_LIKE_GEOMETRY = (0.5, 1.5)
+_LIKE_GEOMETRY = (0.4, 3.0)
 _LEAST_TURNS = 20
 _FEWEST = 4
 _FEWEST_IN_AIR = 10
