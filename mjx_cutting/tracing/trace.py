@@ -13,6 +13,7 @@ import numpy as np
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import AbstractEffect, ForceModel, effect_class
+from mjx_cutting.tracing.axes import better_reading
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.droop import NAME as DROOP
 from mjx_cutting.tracing.droop import find_droop
@@ -106,6 +107,7 @@ def trace(
             found = _with_vibration(found)
         if any(kind.name == DROOP for kind in kinds):
             found = _with_droop(found)
+        reading = better_reading(found.dataset, found.lines, found.search.problem)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
         depends_before = dependences(found.dataset, found.before, teeth, orders)
@@ -119,6 +121,7 @@ def trace(
         word = verdict(
             found.dataset, found.lines, found.search, found.slow, depends_before, depends_after, reasons
         )
+        word["caveats"] = [] if reading is None else [str(reading)]
     return Tracing(
         found.dataset,
         found.lines,

@@ -34,7 +34,7 @@ def make():
 
 
 def test_force_missing_on_the_ramps_is_that_of_the_effect(mill):
-    """Lines of shortened arcs, interpolated, mean over a turn the same as the force path with entry and exit."""
+    """Lines of shortened arcs, interpolated, mean the same over a turn as the force path with both ends."""
     with _platform.x64():
         dataset = mill()
         lines = compress(dataset, trusted_band(dataset, None))
