@@ -118,7 +118,7 @@ def caveats(tracing: Tracing) -> list[str]:
             f"estimated (at most {number(100 * off, 1)} % off the nominal one), so a constant delay cannot "
             "be seen."
         )
-    said += [f"{each[0].upper()}{each[1:]}." for each in tracing.verdict.get("caveats", ())]
+    said += [f"{each[0].upper()}{each[1:]}." for each in tracing.caveats]
     if dataset.sensor.zeroed == "trial":
         said.append(
             "The sensor was zeroed before each trial, so every trial has a bias of its own: slow drift and "

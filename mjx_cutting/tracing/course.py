@@ -38,6 +38,7 @@ class Course:
         left_n: [T, 3] measured less predicted, N.
         rate_hz, band_hz: sampling rate and the band compared.
         index: place among the cut trials; angle_rad: [T] angle of tooth 0 as fitted.
+        apart: whether the steady model was fitted to records without what is looked for.
     """
 
     time_s: Array
@@ -50,9 +51,12 @@ class Course:
     band_hz: tuple[float, float]
     index: int = 0
     angle_rad: Array = field(default_factory=lambda: np.zeros(0))
+    apart: bool = False
 
     def own(self, columns: Array) -> Array:
-        """[T, 3, k] columns without what chip, edge and zero of this trial can imitate."""
+        """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""
+        if self.apart:
+            return columns
         flat = columns.reshape(-1, columns.shape[-1])
         return (flat - self.same @ (self.same.T @ flat)).reshape(columns.shape)
 

@@ -1,4 +1,9 @@
-"""One pass over a data set: the search over steady effects, then the one over effects along a trial."""
+"""One pass over a data set: the search over steady effects, then the one over effects along a trial.
+
+A steady model fitted to records that hold an effect along the trial has taken part of it for its own: a layer
+lowers the constants. So what was found is taken out of the records, the steady search made again on the
+rest, and that along the trial beside its outcome.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +12,25 @@ from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
+from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.tracing.course import KINDS
+from mjx_cutting.tracing.ends import NAME as ENDS
 from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.levels import LEVEL_KINDS
-from mjx_cutting.tracing.lines import Lines, compress
+from mjx_cutting.tracing.lines import Lines, band_limit, compress
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.slow import SlowRound, courses, search_slow
 from mjx_cutting.tracing.verdict import final
 from mjx_cutting.trials.dataset import Dataset
+
+_SWALLOWED = 0.05
+_TIMES = 2
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +85,96 @@ def once(
     progress: Callable[[str], None],
 ) -> Pass:
     """Search over `steady` effects, then over those of `kinds` along a trial (call it in float64)."""
+    names = [kind.name for kind in kinds]
+
+    def along(found: Pass, before: HeldOut, apart: bool = False) -> Pass:
+        """The pass with what is found along the trials beside its steady model, which leaves `before`."""
+        problem, model = found.search.problem, found.search.final_fit.model
+        ways = KINDS
+        if dataset.tool.kind not in LEVEL_KINDS:
+            ways = (*KINDS, entry_exit(found.lines, problem, model))
+        trials = courses(dataset, found.lines, problem, model, found.after)
+        trials = tuple(replace(each, apart=apart) for each in trials)
+        rounds = search_slow(trials, before, np.asarray(problem.weight), names, ways, progress)
+        for each in rounds:
+            found = found.with_round(each)
+        return replace(found, slow=rounds)
+
     progress("reading the lines of every trial")
+    steadily = _steady(dataset, band_hz, steady, seed, progress)
+    first = found = along(steadily, steadily.search.final)
+    taken = _swallowed(found)
+    for _ in range(_TIMES if taken is not None else 0):
+        progress("once more, without what was found along the trials")
+        assert taken is not None
+        rest = _steady(_without(dataset, taken), band_hz, steady, seed, progress)
+        after, before = _on_the_whole(dataset, rest, taken)
+        search = replace(rest.search, base=first.search.base)
+        lines = replace(rest.lines, energy_n2=first.lines.energy_n2)
+        again = replace(rest, dataset=dataset, lines=lines, search=search, before=first.before, after=after)
+        found = along(again, before, apart=True)
+        taken = _whole(found)
+        if taken is None:
+            return first
+    return found
+
+
+def _steady(
+    dataset: Dataset,
+    band_hz: tuple[float, float],
+    kinds: Sequence[type[AbstractEffect]],
+    seed: int,
+    progress: Callable[[str], None],
+) -> Pass:
+    """The search over steady effects alone."""
     lines = compress(dataset, band_hz)
-    found = search(pose(dataset, lines), lines, steady, folds(dataset, seed), progress)
+    found = search(pose(dataset, lines), lines, kinds, folds(dataset, seed), progress)
     problem = found.problem
     base_model, model = (_named(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
     before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
     after = predictions(dataset, lines, problem, model, shared_bias(problem, found.final_fit.x))
-    along = KINDS
-    if dataset.tool.kind not in LEVEL_KINDS:
-        along = (*KINDS, entry_exit(lines, problem, found.final_fit.model))
-    trials = courses(dataset, lines, problem, found.final_fit.model, after)
-    names = [kind.name for kind in kinds]
-    rounds = search_slow(trials, found.final, np.asarray(problem.weight), names, along, progress)
-    result = Pass(dataset, lines, found, (), base_model, model, before, after)
-    for each in rounds:
-        result = result.with_round(each)
-    return replace(result, slow=rounds)
+    return Pass(dataset, lines, found, (), base_model, model, before, after)
+
+
+def _whole(found: Pass) -> list[Array] | None:
+    """[T, 3] by trial what was found along the trials, N; None where there is none but the sheet's ends."""
+    accepted = [each.accepted for each in found.slow if each.accepted is not None]
+    if not accepted or any(each.kind.name == ENDS for each in accepted):
+        return None
+    return [sum(parts[1:], parts[0]) for parts in zip(*(each.whole_n for each in accepted), strict=True)]
+
+
+def _swallowed(found: Pass) -> list[Array] | None:
+    """The same, if the steady model has swallowed much of it."""
+    whole = _whole(found)
+    if whole is None:
+        return None
+    accepted = [each.accepted.added_n for each in found.slow if each.accepted is not None]
+    beside = [sum(parts[1:], parts[0]) for parts in zip(*accepted, strict=True)]
+    energy, shown = (sum(float(np.sum(each**2)) for each in side) for side in (whole, beside))
+    return whole if shown < (1.0 - _SWALLOWED) * energy else None
+
+
+def _without(dataset: Dataset, force_n: Sequence[Array]) -> Dataset:
+    """The data set less [T, 3] a force in each cut trial."""
+    rest, trials = iter(force_n), []
+    for trial in dataset.trials:
+        trials.append(replace(trial, force_n=trial.force_n - next(rest)) if trial.kind == "cut" else trial)
+    return replace(dataset, trials=tuple(trials))
+
+
+def _on_the_whole(
+    dataset: Dataset, rest: Pass, taken_n: Sequence[Array]
+) -> tuple[tuple[Prediction, ...], HeldOut]:
+    """Predictions and held-out error of a model, fitted to trials less `taken_n`, on the trials whole."""
+    rate, band = dataset.sensor.sample_rate_hz, rest.lines.band_hz
+    after, error, energy = [], np.array(rest.search.final.error_n2), []
+    for index, (each, taken) in enumerate(zip(rest.after, taken_n, strict=True)):
+        measured = each.measured_n + band_limit(taken, rate, band)
+        after.append(replace(each, measured_n=measured))
+        error[index] += np.sum(after[-1].residual_n ** 2 - each.residual_n**2, axis=0)
+        energy.append(np.sum(measured**2, axis=0))
+    return tuple(after), HeldOut(np.maximum(error, 0.0), np.stack(energy), None, rest.search.final.fold)
 
 
 def _named(dataset: Dataset, model: ForceModel) -> ForceModel:

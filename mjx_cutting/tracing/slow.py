@@ -41,13 +41,15 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class SlowCandidate:
-    """A slow effect tried: as fitted, its held-out error, the decision; what it adds to each trial, N."""
+    """A slow effect tried: as fitted, its held-out error, the decision; what it adds to each trial, N, beside
+    a steady model fitted without it (`added_n`), and by itself (`whole_n`)."""
 
     kind: type[AbstractEffect]
     effect: AbstractEffect
     heldout: HeldOut
     decision: Decision
     added_n: tuple[Array, ...]
+    whole_n: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,10 +191,10 @@ def _try(
     if decision.accepted and kind.ends is not None and (why := kind.ends(trials, effect)):
         decision = replace(decision, accepted=False, reasons=(why,))
     own_c = _in_each(kind, found, best, c, weight)
-    added = tuple(
-        each.own(kind.columns(each, shapes[best])) @ one for each, one in zip(trials, own_c, strict=True)
-    )
-    return SlowCandidate(kind.effect, effect, after, decision, added)
+    columns = [kind.columns(each, shapes[best]) for each in trials]
+    added = tuple(each.own(x) @ one for each, x, one in zip(trials, columns, own_c, strict=True))
+    whole = tuple(x @ one for x, one in zip(columns, own_c, strict=True))
+    return SlowCandidate(kind.effect, effect, after, decision, added, whole)
 
 
 def _fit(kind: Kind, found: Sums, use: Array, weight: Array) -> tuple[int, Array]:

@@ -45,6 +45,7 @@ class Tracing:
         before, after: every cut trial beside the prediction of the two models.
         depends_before, depends_after: what the two residuals depend on.
         verdict: the dictionary written to verdict.json.
+        caveats: what else limits the conclusions, in words.
     """
 
     dataset: Dataset
@@ -58,6 +59,7 @@ class Tracing:
     depends_before: tuple[Dependence, ...]
     depends_after: tuple[Dependence, ...]
     verdict: dict[str, Any]
+    caveats: tuple[str, ...] = ()
 
     @property
     def kinds(self) -> tuple[type[AbstractEffect], ...]:
@@ -121,7 +123,8 @@ def trace(
         word = verdict(
             found.dataset, found.lines, found.search, found.slow, depends_before, depends_after, reasons
         )
-        word["caveats"] = [] if reading is None else [str(reading)]
+        if reading is not None:
+            word["remaining"]["description"] += f"; {reading}"
     return Tracing(
         found.dataset,
         found.lines,
@@ -134,6 +137,7 @@ def trace(
         depends_before,
         depends_after,
         word,
+        () if reading is None else (str(reading),),
     )
 
 

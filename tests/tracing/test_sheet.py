@@ -83,3 +83,14 @@ def test_the_edge_of_the_sheet_is_named_with_its_place(make, design):
     assert effect["parameters"]["start_m"]["value"] == pytest.approx(truth, abs=1.5e-4)
     assert effect["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.02)
     assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
+
+
+@pytest.mark.slow
+def test_a_layer_does_not_spoil_the_constants_it_is_measured_by(make):
+    """A layer that takes three quarters of the force over a fifth of the path comes out with its size."""
+    case = make("mill", {"layered_material": "strong"}, 53)
+    found = trace(case.dataset, effects=["radial_runout", "layered_material"]).verdict
+    (effect,) = found["effects"]
+    truth = case.truth["effects"]["layered_material"]
+    assert effect["parameters"]["change"]["value"] == pytest.approx(truth["change"], abs=0.02)
+    assert found["after"]["heldout_nrmse"] < 0.15 * found["before"]["heldout_nrmse"]
