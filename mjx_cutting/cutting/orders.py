@@ -23,7 +23,7 @@ from mjx_cutting.cutting.effects.abstract import AbstractEffect
 from mjx_cutting.cutting.model import ForceModel
 
 _NODES_PER_RADIAN = 0.35
-_FEWEST_NODES = 20
+_FEWEST_NODES = 32
 
 
 def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
