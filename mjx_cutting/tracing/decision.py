@@ -146,6 +146,15 @@ def _ends(value: float, by_trials: float, wide: float, identity: float | None) -
     return float(min(near, far)), float(max(near, far))
 
 
+def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
+    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t)."""
+    gain, error = gain_over_trials(before, after)
+    if not np.isfinite(error):
+        return 1.0
+    freedom = max(int(after.fold.max()), 1)
+    return min(tries * float(stats.t.sf(gain / max(error, 1e-300), freedom)), 1.0)
+
+
 def decide(
     kind: type[AbstractEffect],
     before: HeldOut,

@@ -24,7 +24,7 @@ from mjx_cutting.tracing.lines import Lines, band_limit, compress
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
 from mjx_cutting.tracing.search import Search, search
-from mjx_cutting.tracing.slow import SlowRound, courses, search_slow
+from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
 from mjx_cutting.tracing.verdict import final
 from mjx_cutting.trials.dataset import Dataset
 
@@ -56,9 +56,14 @@ class Pass:
     evidence: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
+    def along(self) -> tuple[SlowCandidate, ...]:
+        """What was accepted after the steady effects."""
+        return tuple(each.accepted for each in self.slow if each.accepted is not None)
+
+    @property
     def kinds(self) -> tuple[type[AbstractEffect], ...]:
         """Effects named, in order of acceptance."""
-        return (*self.search.effects, *(each.accepted.kind for each in self.slow if each.accepted))
+        return (*self.search.effects, *(each.kind for each in self.along))
 
     @property
     def final(self) -> HeldOut:
@@ -87,7 +92,7 @@ def once(
     """Search over `steady` effects, then over those of `kinds` along a trial (call it in float64)."""
     names = [kind.name for kind in kinds]
 
-    def along(found: Pass, before: HeldOut, apart: bool = False) -> Pass:
+    def with_slow(found: Pass, before: HeldOut, apart: bool = False) -> Pass:
         """The pass with what is found along the trials beside its steady model, which leaves `before`."""
         problem, model = found.search.problem, found.search.final_fit.model
         ways = KINDS
@@ -102,7 +107,7 @@ def once(
 
     progress("reading the lines of every trial")
     steadily = _steady(dataset, band_hz, steady, seed, progress)
-    first = found = along(steadily, steadily.search.final)
+    first = found = with_slow(steadily, steadily.search.final)
     taken = _swallowed(found)
     for _ in range(_TIMES if taken is not None else 0):
         progress("once more, without what was found along the trials")
@@ -112,7 +117,7 @@ def once(
         search = replace(rest.search, base=first.search.base)
         lines = replace(rest.lines, energy_n2=first.lines.energy_n2)
         again = replace(rest, dataset=dataset, lines=lines, search=search, before=first.before, after=after)
-        found = along(again, before, apart=True)
+        found = with_slow(again, before, apart=True)
         taken = _whole(found)
         if taken is None:
             return first
@@ -138,10 +143,9 @@ def _steady(
 
 def _whole(found: Pass) -> list[Array] | None:
     """[T, 3] by trial what was found along the trials, N; None where there is none but the sheet's ends."""
-    accepted = [each.accepted for each in found.slow if each.accepted is not None]
-    if not accepted or any(each.kind.name == ENDS for each in accepted):
+    if not found.along or any(each.kind.name == ENDS for each in found.along):
         return None
-    return [sum(parts[1:], parts[0]) for parts in zip(*(each.whole_n for each in accepted), strict=True)]
+    return _added([each.whole_n for each in found.along])
 
 
 def _swallowed(found: Pass) -> list[Array] | None:
@@ -149,10 +153,14 @@ def _swallowed(found: Pass) -> list[Array] | None:
     whole = _whole(found)
     if whole is None:
         return None
-    accepted = [each.accepted.added_n for each in found.slow if each.accepted is not None]
-    beside = [sum(parts[1:], parts[0]) for parts in zip(*accepted, strict=True)]
+    beside = _added([each.added_n for each in found.along])
     energy, shown = (sum(float(np.sum(each**2)) for each in side) for side in (whole, beside))
     return whole if shown < (1.0 - _SWALLOWED) * energy else None
+
+
+def _added(parts: Sequence[Sequence[Array]]) -> list[Array]:
+    """[T, 3] by trial the sum of several effects, each by trial."""
+    return [np.sum(of_one, axis=0) for of_one in zip(*parts, strict=True)]
 
 
 def _without(dataset: Dataset, force_n: Sequence[Array]) -> Dataset:

@@ -15,11 +15,10 @@ from typing import Any
 import jax
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.course import Course, along_path
-from mjx_cutting.tracing.decision import decide, gain_over_trials, interval
+from mjx_cutting.tracing.decision import chance_over_trials, decide, interval
 from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines, band_limit
@@ -57,13 +56,10 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
     whole = _judged_whole(dataset, inside, first, tried)
     if whole.accepted is None:
         return found
-    values = whole.accepted.effect.values()
-    sentence = (
-        f"the sheet begins {1e3 * float(values['start_m']):.2f} mm along the path; everything else was "
-        f"traced where the tool is fully in it, {1e3 * reach.max():.1f} mm further on"
-    )
-    if not np.isfinite(start):
-        sentence = "everything else was traced where the tool is fully in the sheet"
+    start, end = _places(whole.accepted)
+    sentence = "everything else was traced where the tool is fully in the sheet"
+    if np.isfinite(start):
+        sentence += f", which begins {1e3 * start:.2f} mm along the path and takes {1e3 * reach.max():.1f} mm"
     if np.isfinite(end):
         sentence += f"; the sheet ends at {1e3 * end:.2f} mm"
     inside = inside.with_round(whole, (sentence,))
@@ -186,8 +182,6 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: i
     told = np.stack([np.sum((each.left_n - own * x) ** 2, axis=0) for each, x, own in rows])
     before = HeldOut(final.error_n2 + bare, energy, None, final.fold)
     after = HeldOut(final.error_n2 + told, energy, None, final.fold)
-    gain, spread = gain_over_trials(before, after)
-    p = tries * float(stats.t.sf(gain / max(spread, 1e-300), max(len(others) - 1, 1)))
     effect = effect_at(shape, np.array([share]))
     parameters = {"share": interval(kind, "share", share, by_fold)}
     for name in ("start_m", "length_m"):
@@ -195,7 +189,7 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: i
         parameters[name] = replace(
             old, value=new, low=new - old.value + old.low, high=new - old.value + old.high
         )
-    decision = decide(kind, before, after, min(p, 1.0), parameters)
+    decision = decide(kind, before, after, chance_over_trials(before, after, tries), parameters)
     silent = tuple(np.zeros_like(each.measured_n) for each in inside.after)
     candidate = SlowCandidate(kind, effect, after, decision, silent)
     return SlowRound(before, (candidate,), candidate if decision.accepted else None)

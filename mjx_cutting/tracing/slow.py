@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
 from mjx_cutting.tracing.course import KINDS, Course, Kind, along_path, as_values
-from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, decide, gain_over_trials, interval
+from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance_over_trials, decide, interval
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.prediction import Prediction, wave
@@ -178,11 +177,9 @@ def _try(
         error[held] = (before.error_n2 + change)[held]
         by_fold.append(as_values(kind.build(shapes[shape], own)))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
-    gain, spread = gain_over_trials(before, after)
-    folds = max(len(by_fold) - 1, 1)
-    p = tries * float(stats.t.sf(gain / max(spread, 1e-300), folds)) if np.isfinite(spread) else 1.0
+    p = chance_over_trials(before, after, tries)
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, TOLERANCE**2)))
-    decision = decide(kind.effect, before, after, min(p, 1.0), _intervals(kind, effect, by_fold, accounted))
+    decision = decide(kind.effect, before, after, p, _intervals(kind, effect, by_fold, accounted))
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)

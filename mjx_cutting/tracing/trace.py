@@ -12,64 +12,38 @@ import numpy as np
 
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
-from mjx_cutting.cutting import AbstractEffect, ForceModel, effect_class
+from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.axes import better_reading
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.droop import NAME as DROOP
 from mjx_cutting.tracing.droop import find_droop
 from mjx_cutting.tracing.evidence import evidence
-from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.isolability import isolability
 from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
-from mjx_cutting.tracing.lines import Lines, trusted_band
+from mjx_cutting.tracing.lines import trusted_band
 from mjx_cutting.tracing.once import Pass, once
-from mjx_cutting.tracing.prediction import Prediction
-from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.selfexcited import find_vibration
 from mjx_cutting.tracing.sheet import inside_the_sheet
-from mjx_cutting.tracing.slow import SlowRound
-from mjx_cutting.tracing.verdict import final, testable, verdict
+from mjx_cutting.tracing.verdict import testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
 
-@dataclass(frozen=True, eq=False)
-class Tracing:
-    """Everything a tracing found.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tracing(Pass):
+    """Everything a tracing found: the fields of `Pass`, and what was made of them.
 
     Fields:
         dataset: the trials, cut down to where the tool is in the sheet if they went beyond it.
-        lines, search: their lines, the outcome of the search over steady effects.
-        slow: rounds of the search over effects that change along a trial.
-        base_model, model: force model without and with the effects named.
-        before, after: every cut trial beside the prediction of the two models.
         depends_before, depends_after: what the two residuals depend on.
         verdict: the dictionary written to verdict.json.
         caveats: what else limits the conclusions, in words.
     """
 
-    dataset: Dataset
-    lines: Lines
-    search: Search
-    slow: tuple[SlowRound, ...]
-    base_model: ForceModel
-    model: ForceModel
-    before: tuple[Prediction, ...]
-    after: tuple[Prediction, ...]
     depends_before: tuple[Dependence, ...]
     depends_after: tuple[Dependence, ...]
     verdict: dict[str, Any]
     caveats: tuple[str, ...] = ()
-
-    @property
-    def kinds(self) -> tuple[type[AbstractEffect], ...]:
-        """Effects named, in order of acceptance."""
-        return (*self.search.effects, *(each.accepted.kind for each in self.slow if each.accepted))
-
-    @property
-    def final(self) -> HeldOut:
-        """Error of the final model on held-out trials."""
-        return final(self.search, self.slow)
 
 
 def trace(
@@ -126,18 +100,11 @@ def trace(
         if reading is not None:
             word["remaining"]["description"] += f"; {reading}"
     return Tracing(
-        found.dataset,
-        found.lines,
-        found.search,
-        found.slow,
-        found.base_model,
-        found.model,
-        found.before,
-        found.after,
-        depends_before,
-        depends_after,
-        word,
-        () if reading is None else (str(reading),),
+        **vars(found),
+        depends_before=depends_before,
+        depends_after=depends_after,
+        verdict=word,
+        caveats=() if reading is None else (str(reading),),
     )
 
 

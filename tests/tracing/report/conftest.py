@@ -79,8 +79,10 @@ def _make(
     }
     said |= {"verdict": word, "ambiguous": [pair] if word == "ambiguous" else []}
     base_model, model = _model(teeth, False), _model(teeth, named)
+    last = after if named else before
     return Tracing(
-        dataset, lines, found, (), base_model, model, before, after if named else before, depends, left, said
+        dataset, lines, found, (), base_model, model, before, last,
+        depends_before=depends, depends_after=left, verdict=said,
     )  # fmt: skip
 
 
