@@ -8,6 +8,9 @@ The advance is feed per revolution times the angle between the two teeth over 2 
 the textbook c sin th (Martellotti 1941, circular path: valid while the feed per tooth is small against R). A
 tooth whose bracket is negative does not touch the sheet, so it rubs nothing either. Without carry-over a saw
 with small chips would remove more than is fed.
+
+Where the tool's centre moves within a turn, by u(angle of the tool) alike in every turn, a tooth reaches
+u . (sin th, cos th) further, and r_j is a function of th.
 """
 
 from __future__ import annotations
@@ -34,6 +37,8 @@ class Cutter(NamedTuple):
         helix_rad: [] helix angle of the edges, rad.
         slices: axial slices per edge (static).
         even: True while all teeth are alike and evenly spaced (static: it saves the comparison over m).
+        path: [K, 2] complex lines of the centre's motion in x and y at orders 1 to K of the tool's angle, m:
+            u = Re(2 sum over n of path_n exp(i n angle)); None where it goes straight.
     """
 
     lag_rad: Array
@@ -41,6 +46,7 @@ class Cutter(NamedTuple):
     helix_rad: Array
     slices: int
     even: bool
+    path: Array | None = None
 
     def gap_rad(self) -> Array:
         """[N] angle between each tooth and the one before it, rad."""
@@ -77,23 +83,25 @@ def chip_under(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     contact = inside(
         angle, jnp.asarray(cut.entry_rad)[..., None, None], jnp.asarray(cut.exit_rad)[..., None, None], gate
     )
-    return _thickness(cutter, cut, tool, angle, contact, width_m)
+    return _thickness(cutter, cut, tool, angle, behind, contact, width_m)
 
 
 def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array) -> Chip:
     """The same with every edge element at its own angles `own_rad` [K], all inside the arc, [K, S, N]."""
     behind, width_m, _ = edge_lags(cutter, cut, tool)
     angle = jnp.asarray(own_rad)[..., None, None] + jnp.zeros_like(behind)
-    return _thickness(cutter, cut, tool, angle, jnp.ones_like(angle), width_m)
+    return _thickness(cutter, cut, tool, angle, behind, jnp.ones_like(angle), width_m)
 
 
-def _thickness(cutter: Cutter, cut: Cut, tool: Tool, angle: Array, contact: Array, width_m: Array) -> Chip:
+def _thickness(
+    cutter: Cutter, cut: Cut, tool: Tool, angle: Array, behind: Array, contact: Array, width_m: Array
+) -> Chip:
     sine = jnp.sin(angle)
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
     if cutter.even:
         bare = feed_m / tool.teeth * sine
     else:
-        bare = carried_over(cutter, feed_m, sine)
+        bare = carried_over(cutter, feed_m, sine, _reach(cutter, angle, behind))
         ramp = _CONTACT_SHARE * feed_m / tool.teeth + _CONTACT_M
         contact = contact * jnp.clip(0.5 + bare / ramp, 0.0, 1.0)
     return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
@@ -114,14 +122,24 @@ def edge_lags(cutter: Cutter, cut: Cut, tool: Tool) -> tuple[Array, Array, Array
     return cutter.lag_rad + lag * share, width / cutter.slices, lag
 
 
-def carried_over(cutter: Cutter, feed_m: Array, sine: Array) -> Array:
-    """min over m of advance x sine + r_j - r_{j-m}, [..., S, N]; the loop over m is unrolled."""
+def _reach(cutter: Cutter, angle: Array, behind: Array) -> Array:
+    """[N] or [..., S, N] how far each tooth reaches beyond the nominal radius at its own `angle`, m."""
+    if cutter.path is None:
+        return cutter.radius_m
+    order = jnp.arange(1, cutter.path.shape[0] + 1)
+    shift = 2.0 * jnp.real(jnp.exp(1j * (angle + behind)[..., None] * order) @ cutter.path)
+    return cutter.radius_m + shift[..., 0] * jnp.sin(angle) + shift[..., 1] * jnp.cos(angle)
+
+
+def carried_over(cutter: Cutter, feed_m: Array, sine: Array, reach_m: Array) -> Array:
+    """min over m of advance x sine + r_j - r_{j-m}, [..., S, N], from the teeth's reach [N] or [..., S, N];
+    the loop over m is unrolled."""
     teeth = cutter.lag_rad.shape[0]
     bare = None
     for m in range(1, teeth + 1):
         apart = cutter.lag_rad - jnp.roll(cutter.lag_rad, m)
         apart = jnp.where(jnp.arange(teeth) < m, apart + 2.0 * jnp.pi, apart)
-        step = cutter.radius_m - jnp.roll(cutter.radius_m, m)
+        step = reach_m - jnp.roll(reach_m, m, axis=-1)
         left = feed_m * (apart / (2.0 * jnp.pi)) * sine + step
         bare = left if bare is None else jnp.minimum(bare, left)
     assert bare is not None

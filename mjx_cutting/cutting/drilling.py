@@ -60,7 +60,7 @@ def _drill_chip(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     angle = jnp.asarray(cut.angle_rad)[..., None, None] - cutter.lag_rad
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
     even = feed_m / tool.teeth + jnp.zeros_like(angle)
-    bare = even if cutter.even else carried_over(cutter, feed_m, jnp.ones_like(angle))
+    bare = even if cutter.even else carried_over(cutter, feed_m, jnp.ones_like(angle), cutter.radius_m)
     width = 0.5 * jnp.asarray(tool.diameter_m) + jnp.zeros_like(angle[..., :1])
     return Chip(angle, jnp.maximum(bare, 0.0), (bare >= 0.0).astype(angle.dtype), width)
 

@@ -113,6 +113,7 @@ class Cell:
         self.follower.reset()
         self.score, self._ticks, self._fault = Score(), 0, False
         self._used = np.array(self._centre()[:2])
+        self._place = self.arm.tip_m
         self._load, self._lever = np.zeros(3), np.zeros(3)
         self._error = np.zeros(3)
 
@@ -157,6 +158,8 @@ class Cell:
         chip, edge = self._resistance(along)
         sweep = self.saw.step((ahead[0] - along, ahead[1] - up), along, depth, chip, edge)
         self._used = ahead
+        # the force is that of the saw at this place, not of where the arm will have gone by then
+        self._place = arm.tip_m + 1e-3 * arm.velocity_m_s
         mean = _MEAN @ sweep.force_n
         self._load = _to_base(mean)
         radius = 0.5 * config.diameter_m
@@ -203,7 +206,7 @@ class Cell:
         arm = self.arm
         speed = float(-arm.velocity_m_s[1])
         return State(
-            int(flags), self.endpoint.taken, _three(self._error), _three(arm.velocity_m_s), _three(arm.tip_m),
+            int(flags), self.endpoint.taken, _three(self._error), _three(arm.velocity_m_s), _three(self._place),
             _three(self.sensor.sample(self.clock_s)), speed, float(self.follower.path_m), self.cut_length_m,
             self.saw.angle_rad, self.config.spindle_rev_s,
         )  # fmt: skip
