@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -16,6 +16,7 @@ from mjx_cutting.tracing.fit import Effects, Fit, freedom, spread
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.model_error import model_errors, tolerated
+from mjx_cutting.tracing.own_gain import rather_a_factor
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.tracing.screening import Screened
 
@@ -85,6 +86,8 @@ def try_effect(
         tries=sum(len(each.starts(problem.tool)) for each in tried),
     )
     decision = decide(kind, before_heldout, after, p, parameters(problem, lines, effects, found, after)[-1])
+    if decision.accepted and (why := rather_a_factor(problem, effects[:-1], before.x, effects, found.x)):
+        decision = replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 
 
@@ -107,8 +110,15 @@ def parameters(
     fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=True)
     return [
         {
-            name: interval(kind, name, getattr(whole, name), getattr(by_fold, name), model_error=error[name])
+            name: interval(
+                kind,
+                name,
+                getattr(whole, name),
+                getattr(by_fold, name),
+                model_error=moved.by_name[name],
+                alone=moved.strength_alone if name == kind.strength else None,
+            )
             for name in kind.parameters
         }
-        for kind, whole, by_fold, error in fitted
+        for kind, whole, by_fold, moved in fitted
     ]

@@ -30,6 +30,7 @@ CONFIDENCE = 0.95
 _EDGE = 0.01
 _UNMOVED = 1e-6
 _MOST_WIDENED = 3.0
+_WIDEST = 50.0
 Array = NDArray[np.float64]
 
 
@@ -102,6 +103,7 @@ def interval(
     by_fold: Any,
     laplace: float = 0.0,
     model_error: Any = 0.0,
+    alone: Any = None,
 ) -> Interval:
     """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
     wider, and beside it what the model's own error may do.
@@ -111,6 +113,10 @@ def interval(
         by_fold: [F] or [F, N] values of the folds.
         laplace: standard error by curvature.
         model_error: [] or [N] distance that the tolerated model error may move each value.
+        alone: [] or [N] the same with the effect's other parameters held, by which it is judged whether the
+            value of no effect can be reached: there they lose their meaning. Default `model_error`.
+
+    An angle or a shape that no fold moved at all is not a finding: value and ends are NaN.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
@@ -126,24 +132,36 @@ def interval(
     tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
     quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
     half = quantile * error + np.ravel(model_error)
+    near = half if alone is None else quantile * error + np.ravel(alone)
     most, wide = float(value[tooth]), float(half[tooth])
-    ends = _ends(most, quantile * float(error[tooth]), wide, kind.parameters[name].identity)
+    if kind.parameters[name].identity is None and not half.any():
+        return Interval(float("nan"), float("nan"), float("nan"), unit)
+    ends = _ends(most, quantile * float(error[tooth]), wide, float(near[tooth]), kind.parameters[name])
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
     return Interval(most, *ends, unit, *several)
 
 
-def _ends(value: float, by_trials: float, wide: float, identity: float | None) -> tuple[float, float]:
+def _ends(
+    value: float, by_trials: float, wide: float, near: float, declared: Parameter
+) -> tuple[float, float]:
     """Ends of an interval of half-width `wide`, of which the trials make `by_trials`.
 
     A model's error changes the size of an effect that the trials prove; it does not undo it. So where only
-    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there.
-    One that is several times the value does undo it.
+    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there,
+    within the physical range. One that is several times the value does undo it: `near` is what counts for
+    that, the half-width with the effect's other parameters held. What is fitted on a logarithmic scale is
+    told on one.
     """
-    away = np.inf if identity is None else abs(value - identity)
-    if identity is None or by_trials >= away or not away <= wide <= _MOST_WIDENED * away:
+    origin = 0.0 if declared.log and declared.identity is None else declared.identity
+    if origin is None or value == origin:
         return value - wide, value + wide
-    near, far = (identity + (value - identity) * np.exp(sign * wide / away) for sign in (-1.0, 1.0))
-    return float(min(near, far)), float(max(near, far))
+    away = value - origin
+    doubtful = by_trials >= abs(away) or near > _MOST_WIDENED * abs(away)
+    if declared.identity is not None and (wide < abs(away) or doubtful):
+        return value - wide, value + wide
+    share = min(wide / abs(away), _WIDEST)
+    low, high = sorted(origin + away * np.exp(sign * share) for sign in (-1.0, 1.0))
+    return float(max(low, min(declared.low, value))), float(min(high, max(declared.high, value)))
 
 
 def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:

@@ -2,9 +2,11 @@
 
 A simulator's residual need not be white, but it must not depend on what the simulator knows. Within a trial
 the residual is tested for lines at spindle orders (tooth passing apart), for drift along the trial, for
-memory and for a tie between axes; across trials its size is tested against feed, speed, depth, cut length and
-clock time by Spearman's rank correlation with permutations, because trials, not samples, are the independent
-units. `share` is the part of the residual's energy that goes with the covariate.
+memory and for a tie between axes; across trials its size, and the factor by which the force is larger than
+predicted, are tested against feed, speed, depth, cut length and clock time by Spearman's rank correlation
+with permutations, because trials, not samples, are the independent units. A factor that all trials share at
+the same place is told from one that changes with time. `share` is the part of the residual's energy that
+goes with the covariate.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.decision import TOLERANCE
 from mjx_cutting.tracing.lines import basis
 from mjx_cutting.tracing.prediction import Prediction
@@ -28,6 +31,7 @@ NOTICEABLE = 0.02
 _SLOW_TERMS = 6
 _PERMUTATIONS = 4000
 _RIDGE = 1e-9
+_SHARE_OF_OWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ _LOOK_FOR = {
     "spindle order": "something that repeats once per revolution: runout, pitch, a damaged tooth, unbalance",
     "tooth phase": "the force under a tooth: edge law, engagement, a filter or resonance on tooth passing",
     "time in trial": "drift or change along the path: entry and exit, wear, heating, a layered sheet",
+    "position": "force larger or smaller at the same place in every trial: the sheet, its clamping, the pose",
     "feed": "an edge law that is not linear in chip thickness",
     "spindle speed": "a response in Hz (structure, sensor) or a law that depends on cutting speed",
     "radial depth": "compliance, friction on the engaged area, clogging",
@@ -71,6 +76,7 @@ def dependences(
     band = _independent_share(dataset, predictions)
     split = [_split(each, orders) for each in predictions]
     found = [*_periodic(split, teeth, orders, band), _slow(predictions, band)]
+    found.append(_place(dataset, predictions, band))
     found += [_memory(split, band), _axes(predictions, band)]
     found += _across(dataset, predictions)
     left, force = (
@@ -153,6 +159,41 @@ def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
     return _entry("time in trial", stats.f.sf(statistic, count, freedom), line / max(whole, 1e-300))
 
 
+def _place(dataset: Dataset, predictions: Sequence[Prediction], band: float) -> Dependence:
+    """A factor on the force that changes with the place along the path, the same in every trial; unless one
+    that changes with time does as much, or a curve of each trial's own does far more."""
+    trials = {trial.file: trial for trial in dataset.trials}
+    places = [along_path(trials[each.file]) for each in predictions]
+    times = [each.time_s - each.time_s[0] for each in predictions]
+    left = [each.residual_n - each.residual_n.mean(axis=0) for each in predictions]
+    whole = sum(float(np.sum(each**2)) for each in left)
+    common, own = _factor_along(places, predictions, left)
+    in_time, _ = _factor_along(times, predictions, left)
+    freedom = sum(3 * max(band * len(each) - _SLOW_TERMS, 1.0) for each in left)
+    statistic = (common / _SLOW_TERMS) / max((whole - common) / freedom, 1e-300)
+    told = common > max(in_time, _SHARE_OF_OWN * own)
+    return _entry(
+        "position", stats.f.sf(statistic, _SLOW_TERMS, freedom) if told else 1.0, common / max(whole, 1e-300)
+    )
+
+
+def _factor_along(
+    ways: Sequence[Array], predictions: Sequence[Prediction], left: Sequence[Array]
+) -> tuple[float, float]:
+    """Energy that a slow factor along the ways takes away: one curve for all trials, one for each."""
+    low, high = min(float(way.min()) for way in ways), max(float(way.max()) for way in ways)
+    square, product, own = np.zeros((_SLOW_TERMS, _SLOW_TERMS)), np.zeros(_SLOW_TERMS), 0.0
+    for way, each, rest in zip(ways, predictions, left, strict=True):
+        u = 2.0 * (way - low) / max(high - low, 1e-12) - 1.0
+        curve = np.polynomial.chebyshev.chebvander(u, _SLOW_TERMS)[:, 1:]
+        columns = (each.predicted_n - each.bias_n)[..., None] * curve[:, None, :]
+        columns = (columns - columns.mean(axis=0)).reshape(-1, _SLOW_TERMS)
+        gram, toward = columns.T @ columns, columns.T @ rest.ravel()
+        square, product = square + gram, product + toward
+        own += float(toward @ np.linalg.pinv(gram, rcond=_RIDGE, hermitian=True) @ toward)
+    return float(product @ np.linalg.pinv(square, rcond=_RIDGE, hermitian=True) @ product), own
+
+
 def _memory(split: Sequence[_Split], band: float) -> Dependence:
     """Correlation, about one independent sample apart, of what lies between the spindle's lines.
 
@@ -190,10 +231,12 @@ def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
 
 
 def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Dependence]:
-    """Size of each trial's residual against the trial's conditions; what all trials share goes with none."""
+    """Size of each trial's residual, and the factor by which its force is off, against the trial's
+    conditions; what all trials share goes with none."""
     trials = {trial.file: trial for trial in dataset.trials}
     size = np.array([float(np.mean(each.residual_n**2)) for each in predictions])
     varies = 1.0 - float(size.min()) / max(float(size.mean()), 1e-300)
+    factor, factored = _factors(predictions)
     covariates = {
         "feed": [trials[p.file].feed_speed_m_s for p in predictions],
         "spindle speed": [trials[p.file].spindle_speed_rev_s for p in predictions],
@@ -205,11 +248,28 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Depende
     for name, values in covariates.items():
         if len(set(values)) < 3 or len(size) < 4 or np.ptp(size) == 0.0:
             continue
-        rank = stats.spearmanr(values, size).statistic
-        shuffled = _shuffled_ranks(np.asarray(values), size)
-        p_value = (1 + np.sum(np.abs(shuffled) >= abs(rank) - 1e-12)) / (1 + len(shuffled))
-        results.append(_entry(name, p_value, rank**2 * varies))
+        tests = [_ranked(np.asarray(values), size, varies), _ranked(np.asarray(values), factor, factored)]
+        p_value, share = min(tests)
+        results.append(_entry(name, min(1.0, len(tests) * p_value), share))
     return results
+
+
+def _ranked(values: Array, figure: Array, energy: float) -> tuple[float, float]:
+    """Chance of the rank correlation of a trial's figure with a condition, and the share of energy in it."""
+    rank = stats.spearmanr(values, figure).statistic
+    shuffled = _shuffled_ranks(values, figure)
+    p_value = (1 + np.sum(np.abs(shuffled) >= abs(rank) - 1e-12)) / (1 + len(shuffled))
+    return float(p_value), float(rank**2 * energy)
+
+
+def _factors(predictions: Sequence[Prediction]) -> tuple[Array, float]:
+    """[R] by how much of itself each trial's force is larger than predicted; share of energy that this is."""
+    told = [each.predicted_n - each.bias_n for each in predictions]
+    size = np.array([float(np.sum(each**2)) for each in told])
+    product = np.array([float(np.sum(a * b.residual_n)) for a, b in zip(told, predictions, strict=True)])
+    whole = sum(float(np.sum(each.residual_n**2)) for each in predictions)
+    share = float(np.sum(product**2 / np.maximum(size, 1e-300))) / max(whole, 1e-300)
+    return product / np.maximum(size, 1e-300), share
 
 
 def _shuffled_ranks(values: Array, size: Array) -> Array:

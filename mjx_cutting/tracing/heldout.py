@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, Fit
-from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.lines import Lines, whole_file
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.trials.dataset import Dataset
 
@@ -29,7 +29,8 @@ class HeldOut:
     """Squared errors on held-out trials.
 
     Fields:
-        error_n2: [R, 3] sum over samples of the squared error of each trial and axis, N^2.
+        error_n2: [R, 3] sum over samples of the squared error of each trial and axis, N^2; of its pieces
+            together, where trials were cut in pieces.
         energy_n2: [R, 3] the same of the measured force.
         fits: the fit of each fold, fields [F, ...]; None where only something was added to them.
         fold: [R] fold in which each trial was held out.
@@ -58,7 +59,7 @@ class HeldOut:
 
 def folds(dataset: Dataset, seed: int) -> NDArray[np.int64]:
     """[R] fold of each cut trial: by tool where there are several, else by trial (ten if over 12)."""
-    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    trials = list({whole_file(trial.file): trial for trial in dataset.trials if trial.kind == "cut"}.values())
     tools = [trial.tool_id for trial in trials]
     names = sorted({tool for tool in tools if tool is not None})
     if len(names) > 1 and None not in tools:
@@ -76,8 +77,15 @@ def held_out(
     problem: Problem, lines: Lines, effects: Effects, x: ArrayLike, fold: NDArray[np.int64]
 ) -> HeldOut:
     """Fit again without each fold, from the unknowns `x` [U] of a fit to all trials; score those left out."""
-    use = (fold[None, :] != np.arange(fold.max() + 1)[:, None]).astype(float)
+    owner = lines.owner
+    use = (fold[owner] != np.arange(fold.max() + 1)[:, None]).astype(float)
     descent = Descent(problem, effects)
     fits = descent.fits(descent.descend_folds(np.asarray(x), use, _STEPS), use)
-    error = np.asarray(fits.error_n2)[fold, np.arange(problem.trials)]
-    return HeldOut(error + lines.rest_n2, lines.energy_n2, fits, fold)
+    error = np.asarray(fits.error_n2)[fold[owner], np.arange(problem.trials)] + lines.rest_n2
+    return HeldOut(_summed(error, owner), _summed(lines.energy_n2, owner), fits, fold)
+
+
+def _summed(by_piece: NDArray[np.floating], owner: NDArray[np.int64]) -> NDArray[np.floating]:
+    total = np.zeros((int(owner.max()) + 1, by_piece.shape[1]))
+    np.add.at(total, owner, by_piece)
+    return total

@@ -26,6 +26,7 @@ _MOST_ORDERS = 160
 _SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128)
 _INAUDIBLE = 100.0
 _BESIDE = 1.5
+PIECE = ", piece "
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Lines:
     """R cut trials as lines of P = 2 orders + 1 basis functions and A = 3 axes.
 
     Fields:
-        files: names of the trials.
+        files: names of the trials, or of their pieces.
         speed_rev_s: [R] estimated spindle speed.
         samples: [R] samples in the band-limited record.
         energy_n2: [R, A] sum of squares of the band-limited record.
@@ -58,13 +59,29 @@ class Lines:
 
     @property
     def trials(self) -> int:
-        """Number of trials R."""
+        """Number of trials R, or of their pieces."""
         return len(self.files)
+
+    @property
+    def whole_files(self) -> tuple[str, ...]:
+        """Names of the trials, pieces of one counted once."""
+        return tuple(dict.fromkeys(map(whole_file, self.files)))
+
+    @property
+    def owner(self) -> NDArray[np.int64]:
+        """[R] place in `whole_files` of the trial that each is a piece of."""
+        names = self.whole_files
+        return np.array([names.index(whole_file(name)) for name in self.files])
 
     def noise_std_n(self) -> Array:
         """[A] standard deviation of what lies between the lines, N, over all trials."""
         freedom = np.maximum(self.samples - self.present.sum(axis=1), 1.0)
         return np.sqrt(self.rest_n2.sum(axis=0) / freedom.sum())
+
+
+def whole_file(name: str) -> str:
+    """Name of the trial that a piece is of, or its own."""
+    return name.split(PIECE)[0]
 
 
 def trusted_band(dataset: Dataset, band_hz: tuple[float, float] | None) -> tuple[float, float]:

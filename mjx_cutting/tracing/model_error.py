@@ -6,14 +6,21 @@ size may point along a parameter's own mark. With J the Jacobian of the weighted
 |F| the weighted size of the force, it then moves a quantity g(x) by at most
 
     TOLERANCE |F| sqrt(grad g^T C grad g).
+
+How strong an effect is may trade off against its shape (how stiff ploughing is below which thickness) until
+either is next to unknown; whether it is there at all is another question, because at no strength the shape
+means nothing. For that the same is told with the effect's shape held.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import null_space
 
 from mjx_cutting.tracing.decision import TOLERANCE
 from mjx_cutting.tracing.descent import Descent
@@ -30,26 +37,46 @@ def tolerated(problem: Problem, lines: Lines) -> float:
     return TOLERANCE * float(np.sqrt(np.sum(lines.energy_n2 * np.asarray(problem.weight) ** 2)))
 
 
-def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike) -> list[dict[str, Array]]:
-    """How far the tolerated model error moves every parameter ([] or [N]) of every effect, by name.
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """How far the tolerated error moves parameters: all by name ([] or [N]); the strength with the effect's
+    shape held ([] or [N])."""
+
+    by_name: dict[str, Array]
+    strength_alone: Array
+
+
+def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike) -> list[Moved]:
+    """How far the tolerated model error moves the parameters of every effect.
 
     Arguments: problem, lines; the effects; `x` [U] the unknowns fitted (call it in float64).
     """
     here = np.asarray(x)
     descent = Descent(problem, effects)
     slope = descent.slope(here, descent.rows(here[None]).left[0])[: descent.measured]
-    spread = np.linalg.pinv(slope.T @ slope, hermitian=True)
+    normal = slope.T @ slope
     beside = jnp.asarray(np.concatenate([here[None], here + _STEP * np.eye(len(here))]))
     values = jax.vmap(lambda each: model_at(problem, each, effects).effects)(beside)
+    error = tolerated(problem, lines)
     found = []
     for kind, effect in zip(effects, values, strict=True):
-        errors = {}
+        gradients = {}
         for name in kind.parameters:
             value = np.broadcast_to(
                 getattr(effect, name), (len(beside), *np.shape(getattr(effect, name))[1:])
             )
-            gradient = np.moveaxis(value[1:] - value[0], 0, -1) / _STEP
-            moved = np.einsum("...i,ij,...j->...", gradient, spread, gradient)
-            errors[name] = tolerated(problem, lines) * np.sqrt(np.maximum(moved, 0.0))
-        found.append(errors)
+            gradients[name] = np.moveaxis(value[1:] - value[0], 0, -1) / _STEP
+        shape = [
+            np.atleast_2d(gradients[name]) for name, each in kind.parameters.items() if each.identity is None
+        ]
+        everything = np.eye(len(here))
+        held = null_space(np.concatenate(shape)) if shape else everything
+        by_name = {name: error * _reach(each, normal, everything) for name, each in gradients.items()}
+        found.append(Moved(by_name, error * _reach(gradients[kind.strength], normal, held)))
     return found
+
+
+def _reach(gradient: Array, normal: Array, ways: Array) -> Array:
+    """[...] sqrt(g^T C g) of quantities with `gradient` [..., U], moved along the columns of `ways`."""
+    spread = ways @ np.linalg.pinv(ways.T @ normal @ ways, hermitian=True) @ ways.T
+    return np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", gradient, spread, gradient), 0.0))

@@ -2,7 +2,8 @@
 
 A steady model fitted to records that hold an effect along the trial has taken part of it for its own: a layer
 lowers the constants. So what was found is taken out of the records, the steady search made again on the
-rest, and that along the trial beside its outcome.
+rest, and that along the trial beside its outcome. Where much is left, trials are cut in pieces along the path
+for effects whose response changes along it (`pieces`).
 """
 
 from __future__ import annotations
@@ -21,15 +22,17 @@ from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit, compress
+from mjx_cutting.tracing.pieces import in_pieces, of_whole_trials
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
-from mjx_cutting.tracing.verdict import final
+from mjx_cutting.tracing.verdict import final, noise_floor, reached
 from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.05
 _TIMES = 2
+_BESIDE = 4
 Array = NDArray[np.floating]
 
 
@@ -120,8 +123,41 @@ def once(
         found = with_slow(again, before, apart=True)
         taken = _whole(found)
         if taken is None:
-            return first
-    return found
+            found = first
+            break
+    return _by_position(found, band_hz, steady, seed, progress)
+
+
+def _by_position(
+    first: Pass,
+    band_hz: tuple[float, float],
+    kinds: Sequence[type[AbstractEffect]],
+    seed: int,
+    progress: Callable[[str], None],
+) -> Pass:
+    """The pass, or the better one over trials in pieces that names an effect of which the response changes
+    along the path. Tried beside such are the most telling effects of the first round."""
+    dataset, rounds = first.dataset, first.search.rounds
+    moving = [kind for kind in kinds if kind.by_position]
+    near_floor = first.final.nrmse <= reached(noise_floor(dataset, first.lines))
+    if not moving or near_floor or not rounds or dataset.tool.kind in LEVEL_KINDS:
+        return first
+    pieces = in_pieces(dataset, first.lines)
+    if pieces is None:
+        return first
+    progress("once more, with the trials in pieces")
+    telling = [each.kind for each in rounds[0].screened[:_BESIDE]]
+    found = _steady(
+        pieces, band_hz, list(dict.fromkeys([*moving, *first.search.effects, *telling])), seed, progress
+    )
+    if not any(kind.by_position for kind in found.search.effects):
+        return first
+    search = of_whole_trials(found.search, first.search, dataset, first.lines)
+    if search.final.nrmse >= first.final.nrmse:
+        return first
+    bias = shared_bias(search.problem, search.final_fit.x)
+    after = predictions(dataset, first.lines, search.problem, found.model, bias)
+    return replace(first, search=search, slow=(), model=found.model, after=after, evidence={})
 
 
 def _steady(

@@ -3,13 +3,14 @@ fitted on it.
 
 The prediction is the model's lines evaluated at the trial's spindle angle, y(t) = bias + Re(c_0 + 2 sum c_n
 exp(i n (th + phase))), within the band. It is what scores, figures and the disturbance GP (measured minus
-predicted) are made from.
+predicted) are made from. Where an effect's response changes along the path, so do the lines.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting import _platform
 from mjx_cutting.cutting import Cut, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
+from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band
-from mjx_cutting.tracing.problem import Problem, Residual, model_lines, pose, residual_of
+from mjx_cutting.tracing.problem import Problem, Residual, by_position, model_lines, pose, residual_of_lines
 from mjx_cutting.tracing.spindle import spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
+_KNOTS = 65
 Array = NDArray[np.floating]
 
 
@@ -83,7 +86,8 @@ def predictions(
 ) -> tuple[Prediction, ...]:
     """The same from parts already made (call it in float64); the speeds are those of `lines`."""
     model, _ = _at_loaded_speed(model)
-    lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n))
+    places = _along_the_path(problem, model) if by_position(model) else None
+    lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
     phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
     rate_hz = dataset.sensor.sample_rate_hz
@@ -91,7 +95,10 @@ def predictions(
     results = []
     for index, trial in enumerate(trials):
         angle = spindle_angle(trial, float(lines.speed_rev_s[index])) + phases[index]
-        force = wave(lines, index, angle, coefficients[index], rate_hz)
+        if places is None:
+            force = wave(lines, index, angle, coefficients[index], rate_hz)
+        else:
+            force = _moving_wave(lines, index, angle, np.asarray(places[index]), along_path(trial), rate_hz)
         results.append(
             Prediction(
                 file=trial.file,
@@ -137,11 +144,50 @@ def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None
 
 def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate_hz: float) -> Array:
     """[T, 3] force of given lines [orders + 1, 3] at the tool angles [T] of a trial, within the band, N."""
+    return band_limit(np.real(_turns(lines, trial, angle_rad) @ coefficients), rate_hz, lines.band_hz)
+
+
+def _turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.complexfloating]:
     heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
-    turns = np.exp(1j * np.multiply.outer(angle_rad, np.arange(lines.orders + 1))) * heard
-    return band_limit(np.real(turns @ coefficients), rate_hz, lines.band_hz)
+    turns: NDArray[np.complexfloating] = np.exp(
+        1j * np.multiply.outer(angle_rad, np.arange(lines.orders + 1))
+    )
+    return turns * heard
+
+
+def _moving_wave(
+    lines: Lines, trial: int, angle_rad: Array, places: NDArray, place_m: Array, rate_hz: float
+) -> Array:
+    """[T, 3] the same for lines [K, orders + 1, 3] at even steps of the way `place_m` [T]."""
+    knots = len(places)
+    turns = _turns(lines, trial, angle_rad)
+    way = (place_m - place_m.min()) / max(float(np.ptp(place_m)), 1e-12) * (knots - 1)
+    lower = np.minimum(way.astype(int), knots - 2)
+    force = np.empty((len(way), 3))
+    for knot in np.unique(lower):
+        here = lower == knot
+        near, next_ = (np.real(turns[here] @ places[each]) for each in (knot, knot + 1))
+        force[here] = near + (way[here] - knot)[:, None] * (next_ - near)
+    return band_limit(force, rate_hz, lines.band_hz)
 
 
 @jax.jit
-def _solved(problem: Problem, model: ForceModel, shared_bias_n: jax.Array) -> tuple[jax.Array, Residual]:
-    return model_lines(problem, model), residual_of(problem, model, shared_bias_n)
+def _along_the_path(problem: Problem, model: ForceModel) -> jax.Array:
+    """[R, K, orders + 1, 3] lines at even steps along the path of every trial, N."""
+
+    def at(share: jax.Array) -> jax.Array:
+        place = problem.cut.position_m + share * problem.path_m
+        there = problem.cut.replace(position_m=place)
+        still = eqx.tree_at(lambda p: (p.cut, p.path_m), problem, (there, 0.0 * problem.path_m))
+        return model_lines(still, model)
+
+    return jnp.moveaxis(jax.lax.map(at, jnp.linspace(-0.5, 0.5, _KNOTS)), 0, 1)
+
+
+@jax.jit
+def _solved(
+    problem: Problem, model: ForceModel, shared_bias_n: jax.Array, places: jax.Array | None
+) -> tuple[jax.Array, Residual]:
+    """Lines, or their mean over the path, and what they leave."""
+    lines = model_lines(problem, model) if places is None else jnp.mean(places, axis=1)
+    return lines, residual_of_lines(problem, lines, shared_bias_n)

@@ -23,7 +23,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
+from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import LEVEL_KINDS
+from mjx_cutting.tracing.line_gain import line_gain
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.trials.dataset import Dataset, Trial
 
@@ -37,6 +39,7 @@ _GAUSS_NEWTON = 4
 _TERMS = 3
 _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
+_PLACES = 6
 _ARC_STEP = np.pi / 8.0
 _TRIALS_STEP = 4
 
@@ -47,6 +50,7 @@ class Problem(eqx.Module):
     Fields:
         tool: the cutter, with straight teeth (see `model_lines`).
         cut: conditions, every field [R].
+        path_m: [R] length of the path that the record covers, about `cut.position_m`.
         whitened, factor, present: see `Lines`.
         gain: [R, orders + 1] complex response at each order of the known anti-alias filter and of the helix.
         weight: [3] 1 / standard deviation given to each axis, 1/N.
@@ -60,6 +64,7 @@ class Problem(eqx.Module):
 
     tool: Tool
     cut: Cut
+    path_m: Array
     whitened: Array
     factor: Array
     present: Array
@@ -84,6 +89,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     shape = dataset.tool
     tool = Tool(shape.kind, shape.teeth, shape.diameter_m, helix_rad=0.0)
+    places = [along_path(trial) for trial in trials]
     cuts = [
         Cut.milling(
             trial.milling or "slot",
@@ -93,12 +99,12 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             feed_speed_m_s=trial.feed_speed_m_s,
             radial_depth_m=trial.radial_depth_m,
             axial_width_m=trial.axial_width_m,
-            position_m=0.5 * _length_m(trial),
+            position_m=float(np.mean(place)),
             cut_length_m=trial.cut_length_before_m + 0.5 * _length_m(trial),
             time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),
         )
-        for trial, speed in zip(trials, lines.speed_rev_s, strict=True)
+        for trial, place, speed in zip(trials, places, lines.speed_rev_s, strict=True)
     ]
     rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
     noise = lines.noise_std_n()
@@ -113,6 +119,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     return Problem(
         tool=tool,
         cut=jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts),
+        path_m=jnp.asarray([float(np.ptp(place)) for place in places]),
         whitened=jnp.asarray(lines.whitened),
         factor=jnp.asarray(lines.factor),
         present=jnp.asarray(lines.present),
@@ -161,7 +168,9 @@ def padded(problem: Problem) -> Problem:
     index = np.minimum(np.arange(rows), problem.trials - 1)
 
     def by_trial(problem: Problem) -> tuple[Any, ...]:
-        return problem.cut, problem.whitened, problem.factor, problem.present, problem.gain
+        return (
+            problem.cut, problem.path_m, problem.whitened, problem.factor, problem.present, problem.gain
+        )  # fmt: skip
 
     return eqx.tree_at(by_trial, problem, jax.tree.map(lambda leaf: leaf[index], by_trial(problem)))
 
@@ -252,8 +261,22 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
         return jax.vmap(partial(_thrust_and_torque, model))(problem.cut)[:, None] + 0j
     straight = ForceModel(problem.tool, model.material, model.effects)
     orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
-    lines = jax.vmap(lambda cut: order_lines(straight, cut, orders, angles, arc_rad))(problem.cut)
-    return lines * problem.gain[..., None]
+    node, weight = np.polynomial.legendre.leggauss(_PLACES if by_position(model) else 1)
+
+    def along(cut: Cut, path_m: Array) -> Array:
+        places = cut.position_m + 0.5 * path_m * node
+
+        def at(place: ArrayLike) -> Array:
+            return order_lines(straight, cut.replace(position_m=place), orders, angles, arc_rad)
+
+        return jnp.tensordot(0.5 * weight, jax.vmap(at)(places), axes=1)
+
+    return jax.vmap(along)(problem.cut, problem.path_m) * problem.gain[..., None]
+
+
+def by_position(model: ForceModel) -> bool:
+    """Whether the response of an effect changes along the path."""
+    return any(effect.by_position for effect in model.effects)
 
 
 def as_measured(problem: Problem, lines: Array) -> Array:
@@ -344,33 +367,6 @@ def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> 
     agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
     spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[1 : lines.shape[0]].set(agreement)
     return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
-
-
-def line_gain(
-    dataset: Dataset, speed_rev_s: np.ndarray[Any, Any], width_m: np.ndarray[Any, Any], orders: int
-) -> np.ndarray[Any, Any]:
-    """[R, orders + 1] complex response at each order of the known anti-alias filter and of the helix.
-
-    Arguments: dataset; `speed_rev_s` [R] spindle speeds; `width_m` [R] widths of cut; highest order.
-    """
-    frequency = np.multiply.outer(speed_rev_s, np.arange(orders + 1))
-    return _filter_gain(dataset, frequency) * _helix_gain(dataset, width_m, orders)
-
-
-def _filter_gain(dataset: Dataset, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    alias = dataset.sensor.anti_alias
-    if alias is None:
-        return np.ones_like(frequency, dtype=complex)
-    poles = np.exp(1j * np.pi * (2 * np.arange(1, alias.order + 1) + alias.order - 1) / (2 * alias.order))
-    gain = np.prod(-poles / (1j * frequency[..., None] / alias.hz - poles), axis=-1)
-    return np.abs(gain) ** 2 + 0j if alias.zero_phase else gain
-
-
-def _helix_gain(dataset: Dataset, width: np.ndarray[Any, Any], orders: int) -> np.ndarray[Any, Any]:
-    """[R, orders + 1] mean of exp(-i n lag) over the width of cut."""
-    lag = 2.0 * width * np.tan(dataset.tool.helix_rad) / dataset.tool.diameter_m
-    half = 0.5 * np.multiply.outer(lag, np.arange(orders + 1))
-    return np.sinc(half / np.pi) * np.exp(-1j * half)
 
 
 def _length_m(trial: Trial) -> float:

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjx_cutting.cutting import Cut, ForceModel, arc
+from mjx_cutting.tracing.line_gain import line_gain
 from mjx_cutting.tracing.lines import Lines
-from mjx_cutting.tracing.problem import Problem, as_measured, line_gain, model_lines, residual_of_lines
+from mjx_cutting.tracing.problem import Problem, as_measured, model_lines, residual_of_lines
 from mjx_cutting.trials.dataset import Dataset
 
 _MENU = (

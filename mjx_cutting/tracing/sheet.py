@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import jax
 import numpy as np
@@ -23,6 +22,7 @@ from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_a
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.pieces import part_of
 from mjx_cutting.tracing.prediction import wave
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.spindle import spindle_angle
@@ -129,28 +129,10 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
             why = f"the tool is fully in the sheet for {turns:.0f} turns of it, fewer than {_LEAST_TURNS}"
             left_out.append(LeftOut(trial.file, why))
         else:
-            trials.append(_cut_down(trial, place, slice(int(inside[0]), int(inside[-1]) + 1)))
+            trials.append(part_of(trial, place, slice(int(inside[0]), int(inside[-1]) + 1)))
             kept.append(cuts)
         cuts += 1
     return replace(dataset, trials=tuple(trials), left_out=tuple(left_out)), kept
-
-
-def _cut_down(trial: Trial, place: Array, part: slice) -> Trial:
-    records: dict[str, Any] = {
-        name: None if getattr(trial, name) is None else getattr(trial, name)[part]
-        for name in (
-            "time_s", "force_n", "torque_nm", "position_m", "spindle_angle_rad",
-            "spindle_speed_measured_rev_s", "feed_speed_measured_m_s",
-        )
-    }  # fmt: skip
-    if trial.position_m is None:
-        records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
-    return replace(
-        trial,
-        cut_length_before_m=trial.cut_length_before_m + float(place[part.start] - place[0]),
-        clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
-        **records,
-    )
 
 
 def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: int) -> SlowRound:

@@ -209,7 +209,7 @@ def _in_each(kind: Kind, found: Sums, shape: int, c: Array, weight: Array) -> Ar
     return np.tile(c, (len(found.product), 1))
 
 
-_IN_POSITION = ("material_periodicity", "layered_material")
+_IN_POSITION = ("material_periodicity", "layered_material", "entry_exit")
 
 
 def _intervals(

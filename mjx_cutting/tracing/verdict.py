@@ -27,6 +27,7 @@ FORMAT = "mjx-cutting-verdict/1"
 AT_FLOOR = 1.1
 TIED = 2.0
 _TELLING = 5.0
+_CLEARLY = 1.5
 _WIDER = "trials over a wider range of speed and feed"
 
 
@@ -56,7 +57,9 @@ def verdict(
     left = [each for each in after if each.found]
     return {
         "format": FORMAT,
-        "verdict": _word(found.base, end, floor, bool(named), bool(ambiguous), list(before), left),
+        "verdict": _word(
+            found.base, end, floor, bool(named), bool(ambiguous), _shown(before, dataset, found, floor), left
+        ),
         "before": _errors(found.base, lines),
         "after": _errors(end, lines),
         "noise_floor_nrmse": floor,
@@ -138,23 +141,36 @@ def _word(
     floor: float,
     named: bool,
     tied: bool,
-    before: list[Dependence],
+    shown: bool,
     left: list[Dependence],
 ) -> str:
-    reached = float(np.hypot(AT_FLOOR * floor, TOLERANCE))
+    least = reached(floor)
     if not named:
-        missing = base.nrmse > reached and any(each.found for each in before)
-        return "unexplained" if missing else "nothing missing"
+        return "unexplained" if base.nrmse > least and shown else "nothing missing"
     if tied:
         return "ambiguous"
-    return "partly explained" if end.nrmse > reached or left else "explained"
+    return "partly explained" if end.nrmse > least or left else "explained"
+
+
+def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, floor: float) -> bool:
+    """Whether something is missing: the residual depends on something, or is clearly more than noise.
+
+    Levels, of which a trial has one, scatter more than the noise within a trial.
+    """
+    clear = dataset.tool.kind not in LEVEL_KINDS and found.base.nrmse > _CLEARLY * reached(floor)
+    return clear or any(each.found for each in before)
+
+
+def reached(floor: float) -> float:
+    """Heldout NRMSE up to which a model is as good as the noise floor lets it be."""
+    return float(np.hypot(AT_FLOOR * floor, TOLERANCE))
 
 
 def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:
     return {
         "heldout_nrmse": heldout.nrmse,
         "per_axis": _plain(heldout.per_axis),
-        "per_trial": dict(zip(lines.files, _plain(heldout.per_trial), strict=True)),
+        "per_trial": dict(zip(lines.whole_files, _plain(heldout.per_trial), strict=True)),
     }
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjx_cutting.cutting.effects import RadialRunout, SensorResonance, SizeEffect, UnequalPitch
+from mjx_cutting.cutting.effects import Ploughing, RadialRunout, SensorResonance, SizeEffect, UnequalPitch
 from mjx_cutting.tracing.decision import Interval, chance, decide, gain_over_trials, interval
 from mjx_cutting.tracing.heldout import HeldOut
 
@@ -90,6 +90,23 @@ def test_the_models_error_widens_what_the_trials_prove_without_undoing_it():
     assert 0.0 < found.low < 0.02 and found.high > 0.3
     for values, error in ((unsure, 0.2), (sure, 0.5)):
         assert interval(SizeEffect, "exponent", 0.1, values, model_error=error).low < 0.0
+
+
+def test_a_trade_off_with_the_shape_does_not_undo_an_effect_that_is_there():
+    sure = np.array([1.4e-6, 1.5e-6, 1.6e-6, 1.5e-6])
+    apart = interval(Ploughing, "minimum_chip_m", 1.5e-6, sure, model_error=9e-6, alone=9e-7)
+    assert 0.0 < apart.low < 1e-7 and apart.high == Ploughing.parameters["minimum_chip_m"].high
+    assert interval(Ploughing, "minimum_chip_m", 1.5e-6, sure, model_error=9e-6).low < 0.0
+
+
+def test_a_ratio_is_told_on_the_scale_it_is_fitted_on():
+    found = interval(Ploughing, "ratio", 3.0, np.array([2.9, 3.0, 3.1, 3.0]), model_error=6.0)
+    assert found.low == Ploughing.parameters["ratio"].low and 9.0 < found.high <= 20.0
+
+
+def test_an_angle_that_no_trial_moves_is_unknown():
+    found = interval(RadialRunout, "angle_rad", 0.0, np.zeros(4))
+    assert np.isnan([found.value, found.low, found.high]).all()
 
 
 def test_of_several_values_the_surest_speaks_and_all_are_told():

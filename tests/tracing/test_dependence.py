@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,19 @@ def test_a_tie_between_axes_is_told(dataset):
         return np.stack([common, common, 0 * common], axis=1)
 
     assert _found(dataset, both) == {"another axis"}
+
+
+def test_a_factor_that_goes_with_the_place_is_told_from_one_that_goes_with_time(dataset):
+    """The trials run at other feeds: a place comes at another time in each."""
+    lengths = [trial.feed_speed_m_s * trial.time_s[-1] for trial in dataset.trials]
+
+    def tests(share):
+        found = _left(dataset, lambda t, a, i: 0 * t)
+        ways = [(t.feed_speed_m_s * t.time_s if share else t.time_s) for t in dataset.trials]
+        most = max(lengths) if share else max(t.time_s[-1] for t in dataset.trials)
+        pairs = zip(found, ways, strict=True)
+        scaled = [replace(p, predicted_n=p.measured_n / (1.0 + 0.4 * way / most)) for p, way in pairs]
+        return {each.covariate for each in dependences(dataset, scaled, teeth=4, orders=12) if each.found}
+
+    assert "position" in tests(True)
+    assert "position" not in tests(False) and "time in trial" in tests(False)

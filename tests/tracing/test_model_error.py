@@ -37,7 +37,7 @@ def test_no_smaller_change_of_the_model_moves_a_parameter_as_far(session):
     A tenth of it is tried: a tooth that leaves the sheet bends what is straight near the fit.
     """
     problem, lines, found = session
-    error = 0.1 * float(model_errors(problem, lines, (RUNOUT,), found.x)[0]["offset_m"])
+    error = 0.1 * float(model_errors(problem, lines, (RUNOUT,), found.x)[0].by_name["offset_m"])
     x = np.asarray(found.x)
     longer = np.concatenate([x[:-2], x[-2:] * (1.0 + error / float(found.model.effects[0].offset_m))])
     descent = Descent(problem, (RUNOUT,))
@@ -51,5 +51,5 @@ def test_no_smaller_change_of_the_model_moves_a_parameter_as_far(session):
 
 def test_error_is_a_small_part_of_a_large_effect(session):
     problem, lines, found = session
-    error = 0.1 * float(model_errors(problem, lines, (RUNOUT,), found.x)[0]["offset_m"])
+    error = 0.1 * float(model_errors(problem, lines, (RUNOUT,), found.x)[0].by_name["offset_m"])
     assert 1e-4 < error / 1.2e-5 < 0.2

@@ -100,6 +100,8 @@ class AbstractEffect(eqx.Module):
         coupled: True where the effect's memory acts back on the process force, see `recall`.
         per_turn: True where `spindle` and `engage` change only what holds for a whole turn (speed, depth,
             arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
+        by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
+            its mean over the stretch.
         signature: one sentence, what it leaves in a residual.
         confused_with: other effects and what separates them from this one.
     """
@@ -113,6 +115,7 @@ class AbstractEffect(eqx.Module):
     steady: ClassVar[bool] = True
     coupled: ClassVar[bool] = False
     per_turn: ClassVar[bool] = False
+    by_position: ClassVar[bool] = False
     signature: ClassVar[str] = ""
     confused_with: ClassVar[dict[str, str]] = {}
 

@@ -3,8 +3,8 @@
 The force felt along y is F_y + mu r^2 / (1 - r^2 + 2 j zeta r) F_y, r = f / f(s), f(s) = f_0 (1 + g s); for a
 plate on a dynamometer mu is 1 (it sees K y + C y'). Signature: normal axis only, 20-500 Hz, the frequency
 moves along the path. Confused with a mode of the robot, which moves with the pose; where the gradient is nil
-the two are one. Lines of a whole trial see the frequency at the middle of its path: trials of other length
-or feed tell the gradient, and what the frequency sweeps within a trial is left over.
+the two are one. Lines of a whole trial see the mean over its path: trials of other length or feed tell the
+gradient, and what changes within a trial is for pieces of it to show.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ class ClampMode(AbstractEffect):
         "damping": Parameter("1", 0.002, 0.3, None, 0.03, log=True),
     }
     telling = ("gradient_1_m",)
+    by_position = True
     signature = "normal axis only, at a frequency that varies with position"
     confused_with = {"robot_mode": "a robot's mode moves with the pose, not along the path"}
 
@@ -77,7 +78,8 @@ class ClampMode(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, np.log(f / 100.0), 0.0, 0.0] for f in np.geomspace(20.0, 450.0, 8)])
+        frequencies = np.log(np.geomspace(20.0, 450.0, 14) / 100.0)
+        return np.asarray([[0.5, f, slope, 0.0] for f in frequencies for slope in (0.0, -3.0, 3.0)])
 
     @classmethod
     def identity(cls, tool: Tool) -> ClampMode:

@@ -1,0 +1,87 @@
+"""Trials cut in pieces along their path, for effects whose response changes from place to place.
+
+The lines of a whole trial are means over its path: a mode of the sheet that moves along it is blurred there.
+In pieces the path is short, and the same search sees the mode move. Pieces keep the name of their trial,
+which is what is held out, and the angle of the spindle as read from the whole of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.tracing.course import along_path
+from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.lines import PIECE, Lines
+from mjx_cutting.tracing.prediction import predictions
+from mjx_cutting.tracing.problem import shared_bias
+from mjx_cutting.tracing.search import Search
+from mjx_cutting.tracing.spindle import spindle_angle
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+_MOST = 6
+_SAMPLES_PER_LINE = 3
+_FEWEST_TURNS = 8
+Array = NDArray[np.float64]
+
+
+def in_pieces(dataset: Dataset, lines: Lines) -> Dataset | None:
+    """The data set with every cut trial in equally many pieces; None where the records are too short."""
+    turns = lines.speed_rev_s * lines.samples / dataset.sensor.sample_rate_hz
+    heard = lines.present.sum(axis=1)
+    count = int(min(_MOST, *(lines.samples / (_SAMPLES_PER_LINE * heard)), *(turns / _FEWEST_TURNS)))
+    if count < 2:
+        return None
+    trials, speeds = [], iter(lines.speed_rev_s)
+    for trial in dataset.trials:
+        if trial.kind != "cut":
+            trials.append(trial)
+            continue
+        place = np.asarray(along_path(trial), dtype=np.float64)
+        angle = np.asarray(spindle_angle(trial, float(next(speeds))), dtype=np.float64)
+        turning = replace(trial, spindle_angle_rad=angle)
+        for index, part in enumerate(np.array_split(np.arange(len(place)), count), 1):
+            piece = part_of(turning, place, slice(int(part[0]), int(part[-1]) + 1))
+            trials.append(replace(piece, file=f"{trial.file}{PIECE}{index}"))
+    return replace(dataset, trials=tuple(trials))
+
+
+def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
+    """The trial over some of its samples only; `place` [T] is its way along the path, m."""
+    records: dict[str, Any] = {
+        name: None if getattr(trial, name) is None else getattr(trial, name)[part]
+        for name in (
+            "time_s", "force_n", "torque_nm", "position_m", "spindle_angle_rad",
+            "spindle_speed_measured_rev_s", "feed_speed_measured_m_s",
+        )
+    }  # fmt: skip
+    if trial.position_m is None:
+        records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
+    return replace(
+        trial,
+        cut_length_before_m=trial.cut_length_before_m + float(place[part.start] - place[0]),
+        clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
+        **records,
+    )
+
+
+def of_whole_trials(found: Search, first: Search, dataset: Dataset, lines: Lines) -> Search:
+    """A search on pieces as one on the trials: their problem, the error of `first`'s base model, and that of
+    the final model with its response moving along each held-out trial."""
+    problem = eqx.tree_at(lambda each: each.weight, first.problem, found.problem.weight)
+    fits, fold = found.final.fits, found.final.fold
+    assert fits is not None
+    error = np.zeros_like(first.base.error_n2)
+    for f in range(int(fold.max()) + 1):
+        model = jax.tree.map(lambda leaf, f=f: leaf[f], fits.model)
+        told = predictions(dataset, lines, problem, model, shared_bias(problem, jnp.asarray(fits.x[f])))
+        for index in np.flatnonzero(fold == f):
+            error[index] = np.sum(told[index].residual_n ** 2, axis=0)
+    final = HeldOut(error, first.base.energy_n2, fits, fold)
+    return replace(found, problem=problem, base_fit=first.base_fit, base=first.base, final=final)
