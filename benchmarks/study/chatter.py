@@ -3,6 +3,9 @@
 Each trial steps in equal angles of its own spindle, so that the surface left behind is a table by angle and
 no delay is ever interpolated: h = reach of the tip now less the largest reach there before. Loss of contact
 and cutting what several teeth left come by themselves. One mode an axis, advanced exactly over each step.
+
+Loss of contact alone does not hold a large vibration, because it has no scale: all grows with the amplitude.
+What does is the gullet: no chip is thicker than a tooth is high, about a quarter of the pitch.
 """
 
 from __future__ import annotations
@@ -10,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from .milling import Array, Milling, shear
+
+_TOOTH_HEIGHT = 0.25
 
 
 def forces(cuts: list[Milling], begin_s: float, end_s: float, steps: int) -> list[tuple[Array, Array]]:
@@ -41,6 +46,7 @@ def forces(cuts: list[Milling], begin_s: float, end_s: float, steps: int) -> lis
     moved, rate = np.zeros((2, trials)), np.zeros((2, trials))
     made = np.zeros((count, 3, trials))
     behind = -np.arange(teeth) * steps
+    thickest = _TOOTH_HEIGHT * 2.0 * np.pi * cuts[0].radius_m / teeth
     phase = np.array([cut.phase_rad for cut in cuts]) + 2.0 * np.pi * speed * begin_s
     start = begin_s - np.mod(phase, step) / (2.0 * np.pi * speed)
     first = np.floor(phase / step).astype(int)
@@ -53,7 +59,7 @@ def forces(cuts: list[Milling], begin_s: float, end_s: float, steps: int) -> lis
         s, c = sine[at], cosine[at]
         tip = (feed_step * (index + 0.5) + middle[0])[:, None] * s + middle[1][:, None] * c + reach
         before = surface[rows, at]
-        bare = tip - before
+        bare = np.minimum(tip - before, thickest)
         surface[rows, at] = np.maximum(before, tip)
         touch = engaged[rows, at] * (bare > 0.0)
         sheared = touch * (shear(np.maximum(bare, 0.0), effects) if bent else bare)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,7 @@ from mjx_cutting.tracing.lines import Lines, band_limit, compress
 from mjx_cutting.tracing.pieces import in_pieces, of_whole_trials
 from mjx_cutting.tracing.prediction import Prediction, predictions
 from mjx_cutting.tracing.problem import pose, shared_bias
+from mjx_cutting.tracing.screening import screen
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
 from mjx_cutting.tracing.verdict import final, noise_floor, reached
@@ -33,6 +35,7 @@ from mjx_cutting.trials.dataset import Dataset
 _SWALLOWED = 0.05
 _TIMES = 2
 _BESIDE = 4
+_PROMISING = 0.2
 Array = NDArray[np.floating]
 
 
@@ -145,7 +148,13 @@ def _by_position(
     pieces = in_pieces(dataset, first.lines)
     if pieces is None:
         return first
-    progress("once more, with the trials in pieces")
+    progress("the trials in pieces")
+    problem = pose(pieces, compress(pieces, band_hz, orders=first.lines.orders))
+    so_far, x = first.search.effects, first.search.final_fit.x
+    if not any(kind.by_position for kind in so_far):
+        promising = screen(problem, so_far, jnp.asarray(x), moving)
+        if max(each.share for each in promising) < _PROMISING:
+            return first
     telling = [each.kind for each in rounds[0].screened[:_BESIDE]]
     found = _steady(
         pieces, band_hz, list(dict.fromkeys([*moving, *first.search.effects, *telling])), seed, progress

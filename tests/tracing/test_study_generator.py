@@ -140,6 +140,20 @@ def test_stability_limits_of_a_flexible_tool(milling, study):
     assert swing(1.06 * 0.40863e-3) > 1.5
 
 
+def test_no_vibration_is_larger_than_a_tooth_is_high(milling, study):
+    """Far beyond the stability limit loss of contact alone lets the force grow without bound."""
+    chatter = importlib.import_module("benchmarks.study.chatter")
+    mode = {"compliance_m_n": [1.4e-7, 8.7e-8], "frequency_hz": [490.0, 466.0], "damping": [0.032, 0.027]}
+    cut = reference_cut(
+        milling, teeth=4, width_m=0.003, speed_rev_s=52.0, feed_m_s=0.0167,
+        chip_n_m2=np.array([1.3e9, 2.5e8, 0.0]), edge_n_m=np.zeros(3), effects={"regenerative_chatter": mode},
+    )  # fmt: skip
+    _, force = chatter.forces([cut], 0.0, 0.5, 60)[0]
+    thickest = 0.25 * 2.0 * np.pi * cut.radius_m / cut.teeth
+    largest = np.abs(force).max()
+    assert 100.0 < largest < 2 * 1.6e9 * cut.width_m * thickest
+
+
 @pytest.mark.parametrize("design", ["mill", "saw", "drill", "turning"])
 def test_a_seed_gives_the_same_session_and_effects_change_nothing_else(study, design):
     first, again = study.make(design, {}, 4), study.make(design, {}, 4)
