@@ -38,26 +38,22 @@ SETTINGS: dict[str, Any] = {
 
 
 class Cutting(gymnasium.Env[np.ndarray, np.ndarray]):
-    """`GymCutting` with spaces, an end by time, and Gymnasium's reset."""
+    """`GymCutting` with spaces and Gymnasium's reset."""
 
     def __init__(self, config: EnvConfig, seed: int = 0):
         self.inner = GymCutting(config, seed)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (15,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (5,), np.float32)
-        self.steps = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """A fresh episode."""
-        self.steps = 0
         return self.inner.reset(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One policy step."""
-        obs, reward, terminated, _, info = self.inner.step(action)
-        self.steps += 1
-        return obs, reward, terminated, self.steps >= self.inner.config.max_episode_steps, info
+        return self.inner.step(action)
 
 
 class _Episodes(BaseCallback):
@@ -84,6 +80,7 @@ def train(
     discount: float,
     initial_std: float,
     most_s: float,
+    chosen: dict[str, Any] = SETTINGS,
 ) -> tuple[list[Episode], dict[str, float], Predict]:
     """Train stable-baselines3's PPO.
 
@@ -102,7 +99,7 @@ def train(
         "activation_fn": torch.nn.Tanh,
         "log_std_init": float(np.log(initial_std)),
     }
-    settings = {**SETTINGS, "gamma": discount, "policy_kwargs": network, "device": "cpu", "seed": 0}
+    settings = {**chosen, "gamma": discount, "policy_kwargs": network, "device": "cpu", "seed": 0}
     settings["n_steps"] = max(8, min(settings["n_steps"], steps // processes))
     settings["batch_size"] = min(settings["batch_size"], settings["n_steps"] * processes)
     learner = PPO("MlpPolicy", vector, **settings)

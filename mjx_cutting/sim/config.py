@@ -17,6 +17,8 @@ ENGINES = ("fused", "mjx")
 DISTURBANCES = ("none", "observation", "dynamics")
 DRAWS = ("new_trial", "function", "mean", "function_noise")
 MODEL_MATERIAL = "model"
+MAX_DEPTH_M = 0.006
+"""Deepest arc of the base model's closed form (`force.py`), m."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,8 @@ class EnvConfig:
     """Added once on failure. Ours: worse than finishing anyhow, so that failing is never a way out."""
     max_deviation_m: float = 0.15
     """Path error that ends the episode as failed, m. Ours: a full load at the lowest gain stays below."""
+    max_depth_m: float = 0.006
+    """Depth of engagement that ends the episode as failed, m: drawn in. Ours: the force law's deepest arc."""
     max_force_n: float = 250.0
     """Force that ends the episode as failed, N. Ours: half the sensor's range."""
 
@@ -269,6 +273,7 @@ _BOUNDS = (
     ("reward_force_per_n2_s", 0.0, 1e3, "per N^2 s"),
     ("failure_reward", -1e4, 0.0, ""),
     ("max_deviation_m", 1e-3, 1.0, "m"),
+    ("max_depth_m", 1e-4, MAX_DEPTH_M, "m (the force of deeper arcs is not modelled)"),
     ("max_force_n", 1.0, 1e4, "N"),
 )
 

@@ -244,6 +244,7 @@ class CuttingEnv:
             reference_m=sim.reference_m,
             time_s=sim.time_s,
             deviation_m=jnp.sqrt(sums.worst_error_m2),
+            depth_m=jnp.asarray(sums.worst_depth_m),
             force_n=jnp.sqrt(sums.worst_load_n2),
             q=body.q,
             qd=body.qd,

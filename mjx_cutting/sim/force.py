@@ -7,7 +7,7 @@ only the few teeth that can be in the arc:
     integral of (-Ft cos - Fr sin) etc. with Ft = b (K_te + K_tc c sin th), Fr = b (K_re + K_rc c sin th)
 
 so only sin and cos at both ends of each tooth's stretch inside the arc are wanted. Valid for straight teeth
-and arcs up to `MAX_DEPTH_M` deep.
+and arcs up to `MAX_DEPTH_M` deep; a saw that is drawn in deeper ends the episode (`EnvConfig.max_depth_m`).
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ import numpy as np
 from jax import Array
 
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
-from mjx_cutting.sim.config import EnvConfig
+from mjx_cutting.sim.config import MAX_DEPTH_M, EnvConfig
 from mjx_cutting.sim.vectors import Scalar, Vector
-
-MAX_DEPTH_M = 0.006
 
 
 def is_plain(model: ForceModel) -> bool:

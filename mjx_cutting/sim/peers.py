@@ -1,7 +1,8 @@
 """What anyone would use instead, for comparison in the same run.
 
-* `GymCutting`: a Gymnasium-style environment on C MuJoCo, with the same control law and the same mechanistic
-  force (8 angles a step, all teeth) in NumPy. One object is one environment; processes run several.
+* `GymCutting`: a Gymnasium-style environment on C MuJoCo, with the same task in NumPy: episodes drawn by the
+  same function, the same control law, force, sheet, sensor, reward and endings. One object is one
+  environment; processes run several. tests/sim/test_peers.py compares it with `CuttingEnv` step by step.
 * `rollout_rate`: the bare dynamics in `mujoco.rollout` on threads, without control, force, sheet or sensor.
 
 Written as such code is usually written: clear NumPy on small arrays, no tricks.
@@ -9,95 +10,141 @@ Written as such code is usually written: clear NumPy on small arrays, no tricks.
 
 from __future__ import annotations
 
+import copy
 import multiprocessing
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import mujoco
 import numpy as np
 from mujoco import rollout
 
 from mjx_cutting.sim import action as actions
-from mjx_cutting.sim import observation, robot
+from mjx_cutting.sim import observation, randomize, robot
 from mjx_cutting.sim.config import EnvConfig
-from mjx_cutting.sim.materials import MATERIALS
+
+
+class _Instant(NamedTuple):
+    """One physics step, base axes: the cut, the force on the tool and as felt, and the control cycle."""
+
+    area_m2: float
+    depth_m: float
+    load_n: np.ndarray
+    felt_n: np.ndarray
+    error_m: np.ndarray
+    velocity_m_s: np.ndarray
 
 
 class GymCutting:
-    """The cutting task as a Gymnasium-style environment; `step` returns obs, reward, ends and info."""
+    """The cutting task as a Gymnasium-style environment; `step` returns obs, reward, ends and info.
+
+    Disturbances and force models with effects are not in it.
+    """
 
     def __init__(self, config: EnvConfig | None = None, seed: int = 0):
-        self.config = config or EnvConfig()
+        self.config = config = config or EnvConfig()
         self.robot = robot.load()
-        self.model = self.robot.model
+        self.model = copy.copy(self.robot.model)
         self.data = mujoco.MjData(self.model)
         self.rng = np.random.default_rng(seed)
-        self.site = self.model.site("tcp").id
+        self.key = jax.random.key(seed)
+        self.draw = jax.jit(lambda key: randomize.draw(key, config))
+        self.tcp, self.com = self.model.site("tcp").id, self.model.site("saw_com").id
         self.saw = self.model.body("saw").id
-        self.bounds = actions.limits(self.config)
+        self.bounds = actions.limits(config)
         self.low, self.high = actions.internal_range(self.bounds)
-        start = np.asarray([*self.config.start_m, self.config.surface_height_m])
-        self.start_q = robot.solve_pose(self.robot, start)
-        self.pitch = 2.0 * np.pi / self.config.teeth * np.arange(self.config.teeth)
-        self.share = (np.arange(self.config.force_samples) + 0.5) / self.config.force_samples
-        self.centres = (np.arange(round(self.config.path_m / self.config.cell_m)) + 0.5) * self.config.cell_m
+        self.start_m = np.array([*config.start_m, config.surface_height_m - config.depth_m[0]])
+        self.start_q = robot.solve_pose(self.robot, self.start_m)
+        self.pitch = 2.0 * np.pi / config.teeth * np.arange(config.teeth)
+        self.turn = 2.0 * np.pi * config.spindle_speed_rev_s * config.physics_step_s
+        self.centres = (np.arange(round(config.path_m / config.cell_m)) + 0.5) * config.cell_m
+        hz = config.force_lowpass_hz
+        self.keep = np.exp(-2.0 * np.pi * hz * config.physics_step_s) if hz > 0.0 else 0.0
         self.reset()
 
-    def reset(self) -> np.ndarray:
-        """First observation of a fresh episode."""
-        config, rng = self.config, self.rng
-        limits = MATERIALS[str(rng.choice(list(MATERIALS)))]
-        k_tc = np.exp(rng.uniform(*np.log(limits.K_tc_n_mm2))) * 1e6
-        k_te = np.exp(rng.uniform(*np.log(limits.K_te_n_mm))) * 1e3
-        self.chip = np.array([k_tc, k_tc * rng.uniform(*limits.chip_ratio)])
-        self.edge = np.array([k_te, k_te * np.exp(rng.uniform(*np.log(limits.edge_ratio)))])
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = self.start_q
-        mujoco.mj_forward(self.model, self.data)
-        self.frame = self.data.site_xmat[self.site].reshape(3, 3).copy()
+    def reset(self, episode: randomize.Episode | None = None) -> np.ndarray:
+        """First observation of a fresh episode, [15]; of the conditions given, where they are."""
+        config, data = self.config, self.data
+        if episode is None:
+            self.key, key = jax.random.split(self.key)
+            episode = self.draw(key)
+        self.episode = episode = jax.tree.map(lambda leaf: np.asarray(leaf, float), episode)
+        material = episode.material
+        self.chip = np.array([material.K_tc_n_m2, material.K_rc_n_m2])
+        self.edge = np.array([material.K_te_n_m, material.K_re_n_m])
+        self.payload = float(episode.payload_kg)
+        self.model.body_mass[self.saw] = self.robot.model.body_mass[self.saw] + self.payload
+        mujoco.mj_setConst(self.model, data)
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:] = self.start_q
+        mujoco.mj_forward(self.model, data)
+        self.frame = data.site_xmat[self.tcp].reshape(3, 3).copy()
         self.setpoint = np.asarray(actions.log_start(config))
-        self.heights = np.where(self.centres > config.approach_m, 0.0, -limits.thickness_m)
-        self.thickness = limits.thickness_m
-        self.reference, self.angle, self.filtered = 0.0, rng.uniform(0.0, 2.0 * np.pi), np.zeros(3)
-        self.keep = np.exp(-2.0 * np.pi * config.force_lowpass_hz * config.physics_step_s)
-        return np.zeros(observation.SIZE, np.float32)
+        self.thickness, self.angle = float(episode.thickness_m), float(episode.spindle_angle_rad)
+        self.heights = np.where(self.centres > config.approach_m, 0.0, -self.thickness)
+        self.reference, self.steps, self.filtered = 0.0, 0, np.zeros(3)
+        return self._observe(np.zeros(3), np.zeros(3), np.zeros(3))
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One policy step of 20 ms."""
-        config = self.config
+        config, dt = self.config, self.config.policy_step_s
         target = self.low + 0.5 * (np.clip(action, -1.0, 1.0) + 1.0) * (self.high - self.low)
-        most = np.asarray(self.bounds.rate) * config.policy_step_s
+        most = np.asarray(self.bounds.rate) * dt
         before = self.setpoint
         self.setpoint = np.clip(before + np.clip(target - before, -most, most), self.low, self.high)
-        gains, sink = np.exp(self.setpoint[:3]), (self.setpoint[4] - before[4]) / config.policy_step_s
+        gains, sink = np.exp(self.setpoint[:3]), (self.setpoint[4] - before[4]) / dt
         feed = config.nominal_feed_m_s * (1.0 + self.setpoint[3])
-        removed, heard, load = 0.0, np.zeros(3), np.zeros(3)
+        each = []
         for k in range(config.substeps):
             depth = before[4] + sink * k * config.physics_step_s
-            area, force, felt, error, velocity = self._physics(gains, feed, depth, sink)
-            removed, heard, load = removed + area, heard + felt, load + force
-        heard, load = heard / config.substeps, load / config.substeps
-        volume = removed * config.kerf_m * 1e9
-        dt = config.policy_step_s
-        reward = config.reward_mrv_per_mm3 * volume - config.reward_time_per_s * dt
-        reward -= dt * 1e6 * float(np.dot(config.reward_path_per_mm2_s, error * error))
-        reward -= dt * float(np.dot(config.reward_force_per_n2_s, load * load))
-        noise = self.rng.normal(size=3) * config.force_noise_n / np.sqrt(config.force_average_samples)
-        parts = [[-velocity[1]], error, velocity, heard + noise, self.setpoint[3:], np.log(gains)]
-        obs = (np.concatenate(parts) / observation.SCALES).astype(np.float32)
-        return obs, float(reward), self.reference >= config.path_m, False, {}
+            each.append(self._physics(gains * self.episode.gain_factor, feed, depth, sink))
+        self.steps += 1
+        errors, loads = np.array([one.error_m for one in each]), np.array([one.load_n for one in each])
+        heard = np.mean([one.felt_n for one in each[-config.force_average_samples :]], axis=0)
+        volume = sum(one.area_m2 for one in each) * config.kerf_m * 1e9
+        path = dt * 1e6 * float(np.dot(config.reward_path_per_mm2_s, np.mean(errors**2, axis=0)))
+        force = dt * float(np.dot(config.reward_force_per_n2_s, np.mean(loads, axis=0) ** 2))
+        obs = self._observe(heard, errors[-1], each[-1].velocity_m_s)
+        failed = self._failed(errors, loads, max(one.depth_m for one in each)) or not np.isfinite(obs).all()
+        cut = config.reward_mrv_per_mm3 * volume
+        reward = cut - config.reward_time_per_s * dt - path - force + config.failure_reward * failed
+        terminated = failed or self.reference >= config.path_m - 1e-6
+        truncated = self.steps >= config.max_episode_steps and not terminated
+        info = {"reward_mrv": cut, "reward_path": -path, "reward_force": -force, "failed": failed}
+        return obs, float(reward), bool(terminated), truncated, info
 
-    def _physics(
-        self, gains: np.ndarray, feed: float, depth: float, sink: float
-    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """One physics step: area removed, load, force felt, path error, velocity."""
+    def _observe(self, force: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        config, limit = self.config, np.asarray(self.config.force_range_n)
+        noise = self.rng.normal(size=3) * config.force_noise_n / np.sqrt(config.force_average_samples)
+        force = np.clip(force + noise + self.episode.bias_n, -limit, limit)
+        parts = (-velocity[1:2], error, velocity, force, self.setpoint[3:], self.setpoint[:3])
+        return (np.concatenate(parts) / observation.SCALES).astype(np.float32)
+
+    def _failed(self, errors: np.ndarray, loads: np.ndarray, depth: float) -> bool:
+        config, arm, q, qd = self.config, self.robot, self.data.qpos, self.data.qvel
+        far = np.linalg.norm(errors, axis=1).max() > config.max_deviation_m
+        hard = np.linalg.norm(loads, axis=1).max() > config.max_force_n
+        limits = np.any((q < arm.lower_rad) | (q > arm.upper_rad) | (abs(qd) > arm.velocity_limit_rad_s))
+        return bool(far or hard or limits or depth > config.max_depth_m)
+
+    def _physics(self, gains: np.ndarray, feed: float, depth: float, sink: float) -> _Instant:
+        """One physics step toward set-points."""
         config, model, data = self.config, self.model, self.data
         mujoco.mj_step1(model, data)
-        jacobian, mass = np.zeros((6, 7)), np.zeros((7, 7))
-        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self.site)
+        jacobian, com, com_rate, mass = (np.zeros((n, 7)) for n in (6, 3, 3, 7))
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self.tcp)
+        mujoco.mj_jacSite(model, data, com, None, self.com)
+        mujoco.mj_jacDot(model, data, com_rate, None, data.site_xpos[self.com], self.saw)
         mujoco.mj_fullM(model, data, mass)
-        tcp, frame = data.site_xpos[self.site], data.site_xmat[self.site].reshape(3, 3)
+        # The controller's model knows nothing of the error of the saw's mass.
+        drift, gravity = com_rate @ data.qvel, model.opt.gravity
+        mass -= self.payload * com.T @ com
+        bias = data.qfrc_bias - self.payload * com.T @ (drift - gravity)
+        tcp, frame = data.site_xpos[self.tcp], data.site_xmat[self.tcp].reshape(3, 3)
         x, y = config.start_m
+        if self.reference >= config.path_m:
+            feed = 0.0
         wish = np.array([x, y - self.reference, config.surface_height_m - depth])
         speed = jacobian @ data.qvel
         twist = self.frame @ frame.T
@@ -108,31 +155,31 @@ class GymCutting:
         error = wish - tcp
         linear = gains * error + 2.0 * np.sqrt(gains) * (np.array([0.0, -feed, -sink]) - speed[:3])
         angular = stiff * tilt - 2.0 * np.sqrt(stiff) * speed[3:]
-        inverse = np.linalg.inv(mass)
-        operational = np.linalg.inv(jacobian @ inverse @ jacobian.T)
+        operational = np.linalg.inv(jacobian @ np.linalg.inv(mass) @ jacobian.T)
         wish_rate = np.concatenate([linear, angular]) + config.null_damping_s * speed
-        torque = (
-            jacobian.T @ operational @ wish_rate - config.null_damping_s * mass @ data.qvel + data.qfrc_bias
-        )
+        torque = jacobian.T @ operational @ wish_rate - config.null_damping_s * mass @ data.qvel + bias
         data.ctrl[:] = np.clip(torque, -self.robot.torque_limit_nm, self.robot.torque_limit_nm)
-        along, height = y - tcp[1], tcp[2] - config.surface_height_m
+        along = y - tcp[1]
+        surface = config.surface_height_m + self.episode.sheet_height_m + self.episode.sheet_slope * along
+        height = float(tcp[2] - surface)
         area, ahead = self._remove(along, height)
-        force = self._force(ahead, -speed[1])
+        force = self._force(*self._arc(along, height, ahead), -speed[1])
         data.qfrc_applied[:] = jacobian[:3].T @ force
         mujoco.mj_step2(model, data)
-        rate = jacobian[:3] @ data.qacc
-        felt = force - self.robot.tool_mass_kg * rate
+        carried = self.robot.tool_mass_kg + self.payload
+        felt = force - carried * (com @ data.qacc + drift)
+        felt = felt + np.cross(tilt, felt + carried * gravity)
         self.filtered = self.keep * self.filtered + (1.0 - self.keep) * felt
         self.reference = min(self.reference + feed * config.physics_step_s, config.path_m)
-        self.angle += 2.0 * np.pi * config.spindle_speed_rev_s * config.physics_step_s
-        return area, force, self.filtered, error, speed[:3]
+        self.angle += self.turn
+        return _Instant(area, ahead, force, self.filtered, error, speed[:3])
 
     def _remove(self, along: float, height: float) -> tuple[float, float]:
         """Area cut from the sheet and the depth of the material ahead."""
         config, radius = self.config, self.config.radius_m
         first = max(0, int((along - 0.02) / config.cell_m))
         window = slice(first, first + 40)
-        apart, part = self.centres[window] - along, self.heights[window]
+        apart, part = self.centres[window] - along, self.heights[window].copy()
         above, near = part - height, np.maximum(apart - config.cell_m, 0.0)
         reached = (apart > -0.5 * config.cell_m) & (near * near <= above * (2.0 * radius - above))
         depth = float(np.max(np.where(reached, above, 0.0), initial=0.0))
@@ -141,20 +188,28 @@ class GymCutting:
         self.heights[window] = after
         return float(np.sum(part - after)) * config.cell_m, max(depth, 0.0)
 
-    def _force(self, depth: float, speed: float) -> np.ndarray:
-        """Mean cutting force over the step, base axes."""
+    def _arc(self, along: float, height: float, depth: float) -> tuple[float, float]:
+        """Angles between which the teeth are in the sheet, for material `depth` deep ahead."""
+        config, radius = self.config, self.config.radius_m
+        under = np.arccos(1.0 - np.clip((-self.thickness - height) / radius, 0.0, 1.0))
+        begin = np.arcsin(np.clip((config.approach_m - along) / radius, 0.0, 1.0))
+        end = np.arcsin(np.clip((config.path_m - along) / radius, 0.0, 1.0))
+        return max(under, begin), min(np.arccos(1.0 - min(depth / radius, 1.0)), end)
+
+    def _force(self, enter: float, leave: float, speed: float) -> np.ndarray:
+        """Mean cutting force over the step, base axes: integrated over what each tooth sweeps in the arc."""
         config = self.config
-        leave = np.arccos(1.0 - min(depth / config.radius_m, 1.0))
-        turn = 2.0 * np.pi * config.spindle_speed_rev_s * config.physics_step_s
-        angle = np.mod(self.angle + turn * self.share[:, None] - self.pitch[None, :], 2.0 * np.pi)
-        inside = angle < leave
-        sine, cosine = np.sin(angle), np.cos(angle)
-        chip = np.maximum(speed, 0.0) / (config.teeth * config.spindle_speed_rev_s) * sine
-        tangential = config.kerf_m * (self.edge[0] + self.chip[0] * chip) * inside
-        radial = config.kerf_m * (self.edge[1] + self.chip[1] * chip) * inside
-        feed = np.mean(np.sum(-tangential * cosine - radial * sine, axis=1))
-        normal = np.mean(np.sum(tangential * sine - radial * cosine, axis=1))
-        return np.array([0.0, -feed, -normal])
+        start = np.mod(self.angle - self.pitch + self.turn, 2.0 * np.pi) - self.turn
+        low, high = (np.clip(start + sweep, enter, max(leave, enter)) for sweep in (0.0, self.turn))
+        cosine = np.sum(np.sin(high) - np.sin(low))
+        sine = np.sum(np.cos(low) - np.cos(high))
+        mixed = 0.5 * np.sum(np.sin(high) ** 2 - np.sin(low) ** 2)
+        square = 0.5 * np.sum(high - low) - 0.25 * np.sum(np.sin(2.0 * high) - np.sin(2.0 * low))
+        chip = max(speed, 0.0) / (config.teeth * config.spindle_speed_rev_s)
+        (k_te, k_re), (tangential, radial) = self.edge, self.chip * chip
+        feed = -(k_te * cosine + tangential * mixed + k_re * sine + radial * square)
+        normal = k_te * sine + tangential * square - k_re * cosine - radial * mixed
+        return config.kerf_m / self.turn * np.array([0.0, -feed, -normal])
 
 
 _STEPS = 100  # policy steps between two looks at the clock: the best stretch counts, as for ours

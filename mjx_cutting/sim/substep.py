@@ -76,7 +76,8 @@ class Sums(NamedTuple):
     Fields: `removed_m2`; `contact`, `saturated` counts; `load_n` on the tool, `sensed_n`, `disturbance_n`,
     `error_squared_m2` means, 3 scalars each (`sensed_n` and `disturbance_n` over the last samples only);
     `contact_load_n`, `contact_error_m` sums of magnitudes in contact; `worst_error_m2`, `worst_load_n2`
-    largest squares; `tcp_m`, `velocity_m_s`, `error_m` (reference minus actual) of the last control cycle.
+    largest squares; `worst_depth_m` of engagement; `tcp_m`, `velocity_m_s`, `error_m` (reference minus
+    actual) of the last control cycle.
     """
 
     removed_m2: Scalar
@@ -90,6 +91,7 @@ class Sums(NamedTuple):
     contact_error_m: Scalar
     worst_error_m2: Scalar
     worst_load_n2: Scalar
+    worst_depth_m: Scalar
     tcp_m: Vector
     velocity_m_s: Vector
     error_m: Vector
@@ -99,9 +101,8 @@ class Sums(NamedTuple):
         """Nothing added up yet."""
         zero = jnp.zeros((), jnp.float32)
         vector = (zero,) * 3
-        return cls(
-            zero, zero, zero, vector, vector, vector, vector, zero, zero, zero, zero, vector, vector, vector
-        )
+        means, motion = (vector,) * 4, (vector,) * 3
+        return cls(zero, zero, zero, *means, zero, zero, zero, zero, zero, *motion)
 
 
 class Motion(NamedTuple):
@@ -183,7 +184,7 @@ class Plant:
             memory, process, sensed = modelled_force(
                 model, memory, cut, config.physics_step_s, config.force_samples
             )
-        touching = contact.engagement.contact
+        touching, depth = contact.engagement.contact, contact.engagement.depth_m
         body, load, disturbed = self._move(
             body._replace(part=()),
             motion,
@@ -194,7 +195,9 @@ class Plant:
             sensed,
             disturbance,
         )
-        sums = self._add(sums, motion, touching, contact.removed_m2, load, body.filtered_n, disturbed, k)
+        sums = self._add(
+            sums, motion, touching, depth, contact.removed_m2, load, body.filtered_n, disturbed, k
+        )
         return body._replace(part=contact.part), sums, memory
 
     def drift(self, q: tuple[Scalar, ...], qd: tuple[Scalar, ...]) -> Drift:
@@ -320,6 +323,7 @@ class Plant:
         sums: Sums,
         motion: Motion,
         touching: Scalar,
+        depth_m: Scalar,
         removed_m2: Scalar,
         load: Vector,
         sensed: Vector,
@@ -343,6 +347,7 @@ class Plant:
             contact_error_m=sums.contact_error_m + touching * jnp.sqrt(distance2),
             worst_error_m2=jnp.maximum(sums.worst_error_m2, distance2),
             worst_load_n2=jnp.maximum(sums.worst_load_n2, load2),
+            worst_depth_m=jnp.maximum(sums.worst_depth_m, depth_m),
             tcp_m=motion.tcp_m,
             velocity_m_s=motion.velocity_m_s,
             error_m=motion.error_m,
