@@ -214,10 +214,12 @@ def settle(cut: Milling) -> Milling:
     if "static_compliance" in cut.effects:
         give = cut.effects["static_compliance"]["compliance_m_n"]
         commanded = cut.depth_m
+        # the sheet lies at +y in conventional cutting, at -y in climb cutting
+        into = -1.0 if cut.milling == "climb" else 1.0
 
         def gap(depth: float) -> float:
             force, _ = mean_load(Milling(**{**cut.__dict__, "depth_m": depth}))
-            return depth - commanded - give * float(force[1])
+            return depth - commanded - give * into * float(force[1])
 
         low, high = 1e-7, 2.0 * cut.radius_m - 1e-7
         if gap(low) >= 0.0:

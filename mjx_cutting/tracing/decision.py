@@ -28,6 +28,7 @@ STANDARD_ERRORS = 2.0
 TOLERANCE = 0.003
 CONFIDENCE = 0.95
 _EDGE = 0.01
+_BENEATH = 0.1
 _UNMOVED = 1e-6
 _MOST_WIDENED = 3.0
 _WIDEST = 50.0
@@ -227,7 +228,8 @@ def _at_edge(value: float, declared: Parameter) -> bool:
         low, high, value = np.log(low), np.log(high), np.log(max(value, 1e-300))
     margin = _EDGE * (high - low)
     vanishes = declared.identity is not None and declared.identity == declared.low
-    return bool(value > high - margin or value < low + (-margin if vanishes else margin))
+    beneath = min(margin, _BENEATH * declared.typical) if vanishes else -margin
+    return bool(value > high - margin or value < low - beneath)
 
 
 def _accounted(before: HeldOut, after: HeldOut) -> float:

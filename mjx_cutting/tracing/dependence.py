@@ -32,6 +32,7 @@ _SLOW_TERMS = 6
 _PERMUTATIONS = 4000
 _RIDGE = 1e-9
 _SHARE_OF_OWN = 0.5
+_MOVING = 0.01
 
 
 @dataclass(frozen=True)
@@ -248,7 +249,7 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Depende
     for name, values in covariates.items():
         if len(set(values)) < 3 or len(size) < 4 or np.ptp(size) == 0.0:
             continue
-        tests = [_ranked(np.asarray(values), size, varies), _ranked(np.asarray(values), factor, factored)]
+        tests = [_ranked(np.asarray(values), size, varies), _straight(np.asarray(values), factor, factored)]
         p_value, share = min(tests)
         results.append(_entry(name, min(1.0, len(tests) * p_value), share))
     return results
@@ -262,9 +263,23 @@ def _ranked(values: Array, figure: Array, energy: float) -> tuple[float, float]:
     return float(p_value), float(rank**2 * energy)
 
 
+def _straight(values: Array, factor: Array, energy: float) -> tuple[float, float]:
+    """The same for a factor, straight over the ranks of the condition."""
+    if np.ptp(factor) == 0.0:
+        return 1.0, 0.0
+    found = stats.pearsonr(stats.rankdata(values), factor)
+    return float(found.pvalue), float(found.statistic**2 * energy)
+
+
 def _factors(predictions: Sequence[Prediction]) -> tuple[Array, float]:
-    """[R] by how much of itself each trial's force is larger than predicted; share of energy that this is."""
+    """[R] by how much of itself each trial's force is larger than predicted; share of energy that this is.
+
+    Read from what changes within the trial, where it does: the mean may be a bias.
+    """
     told = [each.predicted_n - each.bias_n for each in predictions]
+    moving = [each - each.mean(axis=0) for each in told]
+    if sum(float(np.sum(each**2)) for each in moving) > _MOVING * sum(float(np.sum(a**2)) for a in told):
+        told = moving
     size = np.array([float(np.sum(each**2)) for each in told])
     product = np.array([float(np.sum(a * b.residual_n)) for a, b in zip(told, predictions, strict=True)])
     whole = sum(float(np.sum(each.residual_n**2)) for each in predictions)

@@ -45,8 +45,14 @@ def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tup
     phase = np.asarray(residual(problem, jnp.asarray(x), effects).phase_rad)
     descent = Descent(problem, effects, phase)
     rows = descent.rows(x[None])
-    shape = problem.trials, -1
+    shape = problem.whitened.shape
     left, mark = rows.left[0, : descent.measured].reshape(shape), rows.mark[0].reshape(shape)
+    if np.any(np.asarray(problem.bias_spread_n) > 0.0):
+        # a bias of each trial's own has taken the mean out of what is left
+        constant = np.asarray(problem.factor)[:, 0]
+        constant = constant / np.linalg.norm(constant, axis=1, keepdims=True)
+        mark = mark - np.einsum("rp,rq,rqa->rpa", constant, constant, mark)
+    left, mark = (each.reshape(problem.trials, -1) for each in (left, mark))
     size = np.maximum(np.sum(mark**2, axis=1), 1e-300)
     plain = np.sum(left**2, axis=1)
     return float(plain.sum()), float(np.sum(plain - np.sum(left * mark, axis=1) ** 2 / size))

@@ -7,7 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjx_cutting.cutting.effects import Ploughing, RadialRunout, SensorResonance, SizeEffect, UnequalPitch
+from mjx_cutting.cutting.effects import (
+    Ploughing,
+    RadialRunout,
+    SensorResonance,
+    SizeEffect,
+    StaticCompliance,
+    UnequalPitch,
+)
 from mjx_cutting.tracing.decision import Interval, chance, decide, gain_over_trials, interval
 from mjx_cutting.tracing.heldout import HeldOut
 
@@ -61,6 +68,7 @@ def test_an_interval_that_includes_nothing_is_refused():
         (SensorResonance, {"frequency_hz": Interval(400.0, 390, 410, "Hz"), "damping": UNDAMPED}),
         (SizeEffect, {"exponent": Interval(0.599, 0.55, 0.62, "1")}),
         (SizeEffect, {"exponent": Interval(-0.2, -0.25, -0.15, "1")}),
+        (StaticCompliance, {"compliance_m_n": Interval(-1.1e-5, -1.6e-5, -0.7e-5, "m/N")}),
     ],
 )  # fmt: skip
 def test_the_edge_of_the_physical_range_is_refused(kind, parameters):
