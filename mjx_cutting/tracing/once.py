@@ -34,7 +34,7 @@ from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.05
 _TIMES = 2
-_BESIDE = 4
+_BESIDE = 2
 _PROMISING = 0.2
 Array = NDArray[np.floating]
 
