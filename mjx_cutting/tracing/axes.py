@@ -47,7 +47,7 @@ class Reading(NamedTuple):
 
 def better_reading(dataset: Dataset, lines: Lines, problem: Problem) -> Reading | None:
     """The way to read the forces that fits far better than the present one (call it in float64)."""
-    if dataset.tool.kind in LEVEL_KINDS:
+    if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None:
         return None
     now = _error(problem, lines, (0, 1, 2), (1.0, 1.0, 1.0))
     if now < _BAD:

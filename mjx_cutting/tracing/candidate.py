@@ -85,7 +85,8 @@ def try_effect(
         freedom=freedom(problem, found),
         tries=sum(len(each.starts(problem.tool)) for each in tried),
     )
-    decision = decide(kind, before_heldout, after, p, parameters(problem, lines, effects, found, after)[-1])
+    own = parameters(problem, lines, effects, found, after)[-1]
+    decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance)
     if decision.accepted and (why := rather_a_factor(problem, effects[:-1], before.x, effects, found.x)):
         decision = replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
@@ -107,7 +108,8 @@ def parameters(
     """Parameters of every effect with their intervals, by name, in the order of `effects`."""
     assert heldout.fits is not None
     errors = model_errors(problem, lines, effects, found.x)
-    fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=True)
+    # a model's last effects may be given, not looked for
+    fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=False)
     return [
         {
             name: interval(

@@ -21,11 +21,11 @@ from scipy import stats
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.problem import TOLERANCE
 
 CHANCE = 0.01
 LEAST_GAIN = 0.02
 STANDARD_ERRORS = 2.0
-TOLERANCE = 0.003
 CONFIDENCE = 0.95
 _EDGE = 0.01
 _BENEATH = 0.1
@@ -181,8 +181,10 @@ def decide(
     p_chance: float,
     parameters: dict[str, Interval],
     over_trials: bool = True,
+    tolerance: float = TOLERANCE,
 ) -> Decision:
-    """Apply the four tests; `over_trials` False leaves out that of the gain's standard error over trials."""
+    """Apply the four tests; `over_trials` False leaves out that of the gain's standard error over trials;
+    `tolerance` is the share of the force that a model's own calculation may be off."""
     gain, error = gain_over_trials(before, after)
     reasons = []
     if p_chance > CHANCE:
@@ -194,9 +196,9 @@ def decide(
             f"error on held-out trials goes from {before.nrmse:.4f} to {after.nrmse:.4f}; "
             f"a fall of at least {LEAST_GAIN:.0%} is asked"
         )
-    elif _accounted(before, after) < TOLERANCE:
+    elif _accounted(before, after) < tolerance:
         reasons.append(
-            f"accounts for {_accounted(before, after):.2%} of the force, less than the {TOLERANCE:.1%} "
+            f"accounts for {_accounted(before, after):.2%} of the force, less than the {tolerance:.1%} "
             "that any model's own calculation may be off"
         )
     elif over_trials and np.isfinite(error) and gain < STANDARD_ERRORS * error:

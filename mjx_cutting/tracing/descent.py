@@ -20,16 +20,8 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fit import STIFFNESS, Effects, Fit
-from mjx_cutting.tracing.problem import (
-    Problem,
-    marks,
-    model_at,
-    model_lines,
-    out_of_range,
-    padded,
-    residual_of_lines,
-    shared_bias,
-)
+from mjx_cutting.tracing.problem import Problem, model_at, model_lines, out_of_range, padded, shared_bias
+from mjx_cutting.tracing.residual import marks, residual_of_lines
 
 _COMPILER = {"xla_backend_optimization_level": 1}
 _ROWS = 8

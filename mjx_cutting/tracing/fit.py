@@ -27,9 +27,9 @@ from mjx_cutting.tracing.problem import (
     out_of_range,
     padded,
     rescaled,
-    residual_of_lines,
     shared_bias,
 )
+from mjx_cutting.tracing.residual import residual_of_lines
 
 Effects = tuple[type[AbstractEffect], ...]
 _TOLERANCE = 1e-4
@@ -80,7 +80,8 @@ def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
         [1.0, radial, 0.2, edge, radial * edge, 0.1 * edge] for radial in (0.15, 0.5) for edge in (0.1, 1.0)
     ]
     bias = [0.0] * (3 if problem.shared_bias else 0)
-    return np.asarray([row + bias for row in rows])
+    given = [value for each in problem.given for value in each.starts(problem.tool)[0]]
+    return np.asarray([row + bias + given for row in rows])
 
 
 def effect_starts(problem: Problem, kind: type[AbstractEffect], before: Array) -> np.ndarray[Any, Any]:

@@ -1,11 +1,11 @@
 """How far a model's own error may carry its parameters.
 
 Statistics of the trials tell how far noise moves a fitted parameter; with long records that is next to
-nothing. But no two calculations of a cutting force agree better than `TOLERANCE` of it, and an error of that
+nothing. But no two calculations of a cutting force agree better than some `tolerance` of it, and an error of that
 size may point along a parameter's own mark. With J the Jacobian of the weighted residual, C = (J^T J)^-1 and
 |F| the weighted size of the force, it then moves a quantity g(x) by at most
 
-    TOLERANCE |F| sqrt(grad g^T C grad g).
+    tolerance |F| sqrt(grad g^T C grad g).
 
 How strong an effect is may trade off against its shape (how stiff ploughing is below which thickness) until
 either is next to unknown; whether it is there at all is another question, because at no strength the shape
@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import null_space
 
-from mjx_cutting.tracing.decision import TOLERANCE
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects
 from mjx_cutting.tracing.lines import Lines
@@ -34,7 +33,7 @@ Array = NDArray[np.floating]
 
 def tolerated(problem: Problem, lines: Lines) -> float:
     """Weighted size of the tolerated model error over all lines."""
-    return TOLERANCE * float(np.sqrt(np.sum(lines.energy_n2 * np.asarray(problem.weight) ** 2)))
+    return problem.tolerance * float(np.sqrt(np.sum(lines.energy_n2 * np.asarray(problem.weights) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +58,7 @@ def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike)
     values = jax.vmap(lambda each: model_at(problem, each, effects).effects)(beside)
     error = tolerated(problem, lines)
     found = []
-    for kind, effect in zip(effects, values, strict=True):
+    for kind, effect in zip(effects, values, strict=False):
         gradients = {}
         for name in kind.parameters:
             value = np.broadcast_to(

@@ -25,7 +25,7 @@ from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit, compress
 from mjx_cutting.tracing.pieces import in_pieces, of_whole_trials
 from mjx_cutting.tracing.prediction import Prediction, predictions
-from mjx_cutting.tracing.problem import pose, shared_bias
+from mjx_cutting.tracing.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.screening import screen
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
@@ -94,8 +94,12 @@ def once(
     steady: Sequence[type[AbstractEffect]],
     seed: int,
     progress: Callable[[str], None],
+    posed: Callable[[Dataset, Lines], Problem] = pose,
 ) -> Pass:
-    """Search over `steady` effects, then over those of `kinds` along a trial (call it in float64)."""
+    """Search over `steady` effects, then over those of `kinds` along a trial (call it in float64).
+
+    `posed` makes the fitting problem of the trials.
+    """
     names = [kind.name for kind in kinds]
 
     def with_slow(found: Pass, before: HeldOut, apart: bool = False) -> Pass:
@@ -112,13 +116,13 @@ def once(
         return replace(found, slow=rounds)
 
     progress("reading the lines of every trial")
-    steadily = _steady(dataset, band_hz, steady, seed, progress)
+    steadily = _steady(dataset, band_hz, steady, seed, progress, posed)
     first = found = with_slow(steadily, steadily.search.final)
     taken = _swallowed(found)
     for _ in range(_TIMES if taken is not None else 0):
         progress("once more, without what was found along the trials")
         assert taken is not None
-        rest = _steady(_without(dataset, taken), band_hz, steady, seed, progress)
+        rest = _steady(_without(dataset, taken), band_hz, steady, seed, progress, posed)
         after, before = _on_the_whole(dataset, rest, taken)
         search = replace(rest.search, base=first.search.base)
         lines = replace(rest.lines, energy_n2=first.lines.energy_n2)
@@ -142,8 +146,11 @@ def _by_position(
     along the path. Tried beside such are the most telling effects of the first round."""
     dataset, rounds = first.dataset, first.search.rounds
     moving = [kind for kind in kinds if kind.by_position]
-    near_floor = first.final.nrmse <= reached(noise_floor(dataset, first.lines))
-    if not moving or near_floor or not rounds or dataset.tool.kind in LEVEL_KINDS:
+    near_floor = first.final.nrmse <= reached(
+        noise_floor(dataset, first.lines), first.search.problem.tolerance
+    )
+    on_path = first.search.problem.motion is not None
+    if on_path or not moving or near_floor or not rounds or dataset.tool.kind in LEVEL_KINDS:
         return first
     pieces = in_pieces(dataset, first.lines)
     if pieces is None:
@@ -175,10 +182,11 @@ def _steady(
     kinds: Sequence[type[AbstractEffect]],
     seed: int,
     progress: Callable[[str], None],
+    posed: Callable[[Dataset, Lines], Problem] = pose,
 ) -> Pass:
     """The search over steady effects alone."""
     lines = compress(dataset, band_hz)
-    found = search(pose(dataset, lines), lines, kinds, folds(dataset, seed), progress)
+    found = search(posed(dataset, lines), lines, kinds, folds(dataset, seed), progress)
     problem = found.problem
     base_model, model = (_named(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
     before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects
 from mjx_cutting.tracing.levels import LEVEL_KINDS
-from mjx_cutting.tracing.problem import Problem, residual
+from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.residual import residual
 
 _SHARE_OF_FREE = 0.9
 _OWN = 0.5

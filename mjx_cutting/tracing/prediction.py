@@ -22,7 +22,8 @@ from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band
-from mjx_cutting.tracing.problem import Problem, Residual, by_position, model_lines, pose, residual_of_lines
+from mjx_cutting.tracing.problem import Problem, by_position, model_lines, pose
+from mjx_cutting.tracing.residual import Residual, residual_of_lines
 from mjx_cutting.tracing.spindle import spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 

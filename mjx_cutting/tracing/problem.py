@@ -1,12 +1,10 @@
-"""The fit's residual: measured lines minus the lines of a force model, with each trial's own unknowns solved
-inside.
+"""The fitting problem: measured lines of all trials, the conditions they were measured under, the lines of a
+force model beside them.
 
-Global unknowns x are six mechanistic constants and the coordinates of the effects. A trial's phase and (where
-the sensor was zeroed before each trial) its bias are nuisances: for given x the phase is found by a search
-over the whole turn and a few Gauss-Newton steps, the bias in closed form. What is returned is the whitened
-residual with both projected out, whose Jacobian in x is Kaufman's variable projection (Golub and Pereyra,
-Inverse Problems 19 (2003) R1-R26). So the outer problem is small, smooth, and the choice among phases that
-differ by whole teeth is made anew at every step.
+Global unknowns x are six mechanistic constants, a shared bias where the sensor was zeroed once a session,
+and the coordinates of the effects; what each trial leaves unknown beside them is solved inside (`residual`).
+So the outer problem is small, smooth, and the choice among phases that differ by whole teeth is made anew at
+every step.
 """
 
 from __future__ import annotations
@@ -23,20 +21,20 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
+from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.line_gain import line_gain
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.trials.dataset import Dataset, Trial
 
+TOLERANCE = 0.003
+"""Share of the force by which two calculations of it may differ."""
 CONSTANTS = 6
 _IN_PLANE = (0, 1, 3, 4)
 _ANGLES_PER_TOOTH = 24
 _FEWEST_ANGLES = 128
 _ANGLES_PER_ORDER = 12
-_PHASES = 1024
-_GAUSS_NEWTON = 4
-_TERMS = 3
 _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
 _PLACES = 6
@@ -60,6 +58,11 @@ class Problem(eqx.Module):
         shared_bias: True where the sensor was zeroed once a session (static).
         orders, angles: highest order and angles evaluated a turn (static).
         arc_rad: longest engagement arc of any trial, rounded up (static).
+        motion: [R, K, 2] lines of the tool's motion at its measured angle, m, which is then no unknown; None
+            for a straight path and phases of the trials' own.
+        trust: [R, 3] factor on the weight of each trial; None: one.
+        tolerance: share of the force by which any model of it may be wrong (static).
+        given: effects that every model has, and that are not looked for (static).
     """
 
     tool: Tool
@@ -77,11 +80,26 @@ class Problem(eqx.Module):
     orders: int = eqx.field(static=True)
     angles: int = eqx.field(static=True)
     arc_rad: float = eqx.field(static=True)
+    motion: Array | None = None
+    trust: Array | None = None
+    given: tuple[type[AbstractEffect], ...] = eqx.field(static=True, default=())
+    tolerance: float = eqx.field(static=True, default=TOLERANCE)
 
     @property
     def trials(self) -> int:
         """Number of trials R."""
         return self.whitened.shape[0]
+
+    @property
+    def weights(self) -> Array:
+        """[R, 3] 1 / standard deviation given to each axis of each trial, 1/N."""
+        return self.weight * (jnp.ones((self.trials, 3)) if self.trust is None else self.trust)
+
+    @property
+    def common(self) -> int:
+        """Number of unknowns before those of the effects looked for."""
+        bias = 3 if self.shared_bias else 0
+        return CONSTANTS + bias + sum(each.size(self.tool) for each in self.given)
 
 
 def pose(dataset: Dataset, lines: Lines) -> Problem:
@@ -144,21 +162,22 @@ def _arc(cut: Cut) -> float:
 
 
 def model_at(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> ForceModel:
-    """The force model at the global unknowns `x` [6 + ...]."""
+    """The force model at the global unknowns `x` [6 + ...]: `effects`, then those given."""
     constants = x[:CONSTANTS] * problem.scale
     start = CONSTANTS + (3 if problem.shared_bias else 0)
     parts = []
-    for effect in effects:
+    for effect in (*problem.given, *effects):
         size = effect.size(problem.tool)
         parts.append(effect.build(x[start : start + size], problem.tool))
         start += size
+    given = len(problem.given)
     tc, rc, ac, te, re, ae = constants
-    return ForceModel(problem.tool, Material(tc, te, rc, re, ac, ae), tuple(parts))
+    return ForceModel(problem.tool, Material(tc, te, rc, re, ac, ae), (*parts[given:], *parts[:given]))
 
 
 def unknowns(problem: Problem, effects: Sequence[type[AbstractEffect]]) -> int:
     """Number of global unknowns."""
-    return CONSTANTS + (3 if problem.shared_bias else 0) + sum(e.size(problem.tool) for e in effects)
+    return problem.common + sum(effect.size(problem.tool) for effect in effects)
 
 
 def padded(problem: Problem) -> Problem:
@@ -168,9 +187,8 @@ def padded(problem: Problem) -> Problem:
     index = np.minimum(np.arange(rows), problem.trials - 1)
 
     def by_trial(problem: Problem) -> tuple[Any, ...]:
-        return (
-            problem.cut, problem.path_m, problem.whitened, problem.factor, problem.present, problem.gain
-        )  # fmt: skip
+        record = problem.cut, problem.path_m, problem.whitened, problem.factor, problem.present, problem.gain
+        return record if problem.motion is None else (*record, problem.motion, problem.trust)
 
     return eqx.tree_at(by_trial, problem, jax.tree.map(lambda leaf: leaf[index], by_trial(problem)))
 
@@ -197,37 +215,9 @@ def out_of_range(problem: Problem, x: Array, effects: Sequence[type[AbstractEffe
     return jnp.concatenate(parts)
 
 
-class Residual(eqx.Module):
-    """What a model leaves of the measured lines.
-
-    Fields:
-        weighted: [R, P, 3] residual with nuisances projected out, in standard deviations.
-        remaining_n: [R, P, 3] whitened residual with the nuisances at their best, N; its sum of squares is
-        the
-            squared error over the samples, less the part between the lines.
-        phase_rad: [R] phase of each trial.
-        bias_n: [R, 3] bias of each trial, N.
-    """
-
-    weighted: Array
-    remaining_n: Array
-    phase_rad: Array
-    bias_n: Array
-
-
-def residual(problem: Problem, x: Array, effects: tuple[type[AbstractEffect], ...]) -> Residual:
-    """Residual of every trial at the global unknowns `x`."""
-    return residual_of(problem, model_at(problem, x, effects), shared_bias(problem, x))
-
-
 def shared_bias(problem: Problem, x: Array) -> Array:
     """[3] bias of the session, N, in the global unknowns; zero where each trial has its own."""
     return x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else jnp.zeros(3)
-
-
-def residual_of(problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0) -> Residual:
-    """Residual of every trial under a given model; `shared_bias_n` [3] is the session's bias, N."""
-    return residual_of_lines(problem, model_lines(problem, model), shared_bias_n)
 
 
 def _thrust_and_torque(model: ForceModel, cut: Cut) -> Array:
@@ -244,13 +234,6 @@ def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, 
     return np.where(own > 0.0, own, rms)
 
 
-def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike = 0.0) -> Residual:
-    """Residual of every trial against given lines [R, orders + 1, 3], N."""
-    shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
-    solve = partial(_solve_trial, problem, shared)
-    return jax.vmap(solve)(lines, problem.whitened, problem.factor, problem.present)
-
-
 def model_lines(problem: Problem, model: ForceModel) -> Array:
     """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N.
 
@@ -263,110 +246,23 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
     node, weight = np.polynomial.legendre.leggauss(_PLACES if by_position(model) else 1)
 
-    def along(cut: Cut, path_m: Array) -> Array:
+    def along(cut: Cut, path_m: Array, motion: Array | None) -> Array:
         places = cut.position_m + 0.5 * path_m * node
+        moving = straight if motion is None else straight.with_effects(CentreMotion(motion))
 
         def at(place: ArrayLike) -> Array:
-            return order_lines(straight, cut.replace(position_m=place), orders, angles, arc_rad)
+            here = cut.replace(position_m=place)
+            here = here if motion is None else felt_on(here, motion, angles)
+            return order_lines(moving, here, orders, angles, arc_rad)
 
         return jnp.tensordot(0.5 * weight, jax.vmap(at)(places), axes=1)
 
-    return jax.vmap(along)(problem.cut, problem.path_m) * problem.gain[..., None]
+    return jax.vmap(along)(problem.cut, problem.path_m, problem.motion) * problem.gain[..., None]
 
 
 def by_position(model: ForceModel) -> bool:
     """Whether the response of an effect changes along the path."""
     return any(effect.by_position for effect in model.effects)
-
-
-def as_measured(problem: Problem, lines: Array) -> Array:
-    """[R, P, 3] lines [R, orders + 1, 3] as `Problem.whitened` holds those of a record."""
-    real = jax.vmap(_real)(lines, problem.present)
-    return jnp.einsum("rqp,rqa->rpa", problem.factor, real)
-
-
-def marks(problem: Problem, lines: Array, phase_rad: Array) -> Array:
-    """[R, P, 3] lines [R, orders + 1, 3] at given phases [R], whitened and weighted as the residual is."""
-    return as_measured(problem, jax.vmap(_turned)(lines, phase_rad)) * problem.weight
-
-
-def _solve_trial(
-    problem: Problem, shared: Array, lines: Array, whitened: Array, factor: Array, present: Array
-) -> Residual:
-    weight, spread = problem.weight, problem.bias_spread_n
-    constant = factor[0]
-    norm = constant @ constant
-    # closed-form bias with its prior: share of the projection on the constant that a bias takes away
-    absorbed = (weight * spread) ** 2 * norm / (1.0 + (weight * spread) ** 2 * norm)
-
-    def without_bias(value: Array) -> Array:
-        return value - jnp.outer(constant, absorbed * (constant @ value) / norm)
-
-    still = jax.lax.stop_gradient(lines)
-    start = _best_phase(still, whitened, factor, weight)
-    columns = _derivatives(_real(_turned(still, start), present), _TERMS)
-    columns[0] = columns[0].at[0].add(shared)
-    now, *slopes = jnp.split(-factor.T @ jnp.concatenate(columns, axis=1), 1 + _TERMS, axis=1)
-    expansion = jnp.stack([without_bias(each) * weight for each in (whitened + now, *slopes)])
-    phase = jax.lax.stop_gradient(start + _least_turn(expansion.reshape(1 + _TERMS, -1)))
-    real = _real(_turned(lines, phase), present)
-    remaining = whitened - factor.T @ real.at[0].add(shared)
-    slope = without_bias(-factor.T @ jax.lax.stop_gradient(_derivatives(real, 1)[1])) * weight
-    keep = 1.0 - jnp.sqrt(1.0 - absorbed)
-    projected = (remaining - jnp.outer(constant, keep * (constant @ remaining) / norm)) * weight
-    slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
-    projected = projected - slope * jnp.sum(slope * projected)
-    bias = jnp.where(spread > 0.0, (constant @ remaining) / norm, 0.0)
-    return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
-
-
-def _derivatives(real: Array, highest: int) -> list[Array]:
-    """[P, A] each: coefficients of 1, cos, sin, and their derivatives by the phase up to the highest."""
-    order = jnp.arange(1, 1 + real.shape[0] // 2)[:, None]
-    cosine, sine = real[1::2], real[2::2]
-    turned = jnp.stack([order * sine, -order * cosine], axis=1).reshape(-1, real.shape[1])
-    found = [real, jnp.concatenate([jnp.zeros_like(real[:1]), turned])]
-    square = jnp.concatenate([jnp.zeros((1, 1)), jnp.repeat(order, 2, axis=0)]) ** 2
-    while len(found) <= highest:
-        found.append(-square * found[-2])
-    return found
-
-
-def _least_turn(expansion: Array) -> Array:
-    """[] turn at which a residual, given by its value and derivatives [1 + terms, M], is least.
-
-    Gauss-Newton on the Taylor series, of which only inner products are needed.
-    """
-    product = expansion @ expansion.T
-    terms = len(product)
-    factorial = np.cumprod([1.0, *range(1, terms)])
-
-    def better(_: int, turn: Array) -> Array:
-        value = turn ** np.arange(terms) / factorial
-        slope = jnp.concatenate([jnp.zeros(1), value[:-1]])
-        return turn - slope @ product @ value / jnp.maximum(slope @ product @ slope, 1e-30)
-
-    return jax.lax.fori_loop(0, _GAUSS_NEWTON, better, jnp.zeros((), product.dtype))
-
-
-def _turned(lines: Array, phase: Array) -> Array:
-    """Lines of the same waveform with tooth 0 ahead by `phase`."""
-    return lines * jnp.exp(1j * jnp.arange(lines.shape[0]) * phase)[:, None]
-
-
-def _real(lines: Array, present: Array) -> Array:
-    """[P, A] coefficients of 1, cos, sin from complex lines [orders + 1, A]."""
-    pairs = jnp.stack([2.0 * lines.real[1:], -2.0 * lines.imag[1:]], axis=1).reshape(-1, lines.shape[1])
-    return jnp.concatenate([lines.real[:1], pairs]) * present[:, None]
-
-
-def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> Array:
-    """Phase on a grid of a turn at which the lines agree best with the measured ones, the mean left aside."""
-    product = factor @ whitened
-    measured = product[1::2] - 1j * product[2::2]
-    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
-    spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[1 : lines.shape[0]].set(agreement)
-    return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
 
 
 def _length_m(trial: Trial) -> float:

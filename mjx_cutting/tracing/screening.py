@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, effect_starts
-from mjx_cutting.tracing.problem import Problem, residual
+from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.residual import residual
 
 _TRIED = 3
 _FIRST_STEPS = 2

@@ -9,7 +9,7 @@ constants.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike
 from mjx_cutting.cutting import Cut, ForceModel, arc
 from mjx_cutting.tracing.line_gain import line_gain
 from mjx_cutting.tracing.lines import Lines
-from mjx_cutting.tracing.problem import Problem, as_measured, model_lines, residual_of_lines
+from mjx_cutting.tracing.problem import Problem, model_lines
+from mjx_cutting.tracing.residual import as_measured, residual_of_lines
 from mjx_cutting.trials.dataset import Dataset
 
 _MENU = (
@@ -63,6 +64,9 @@ def separations(
         shared_bias_n: [3] bias of the session under each, N.
     """
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    problem = replace(
+        problem, motion=None, trust=None
+    )  # how the tool will move in a further trial is unknown
     like = _middle(problem)
     cut = jax.tree.map(lambda leaf: np.asarray(leaf)[like], problem.cut)
     slot = trials[like].milling == "slot"

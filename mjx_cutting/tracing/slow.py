@@ -69,7 +69,9 @@ def courses(
     dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, after: Sequence[Prediction]
 ) -> tuple[Course, ...]:
     """The cut trials as slow effects see them, under the best steady model and its predictions."""
-    material = model.material
+    # the inertia of what the sensor carries is of neither chip nor edge
+    own = tuple(each for each in model.effects if type(each) not in problem.given)
+    model, material = ForceModel(model.tool, model.material, own), model.material
     chip = Material(material.K_tc_n_m2, 0.0, material.K_rc_n_m2, 0.0, material.K_ac_n_m2, 0.0)
     parts = jnp.stack(
         [

@@ -13,7 +13,9 @@ import numpy as np
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.axes import better_reading
+from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
+from mjx_cutting.tracing.axes import Reading, better_reading
+from mjx_cutting.tracing.decision import gain_over_trials
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.droop import NAME as DROOP
 from mjx_cutting.tracing.droop import find_droop
@@ -21,11 +23,12 @@ from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.isolability import isolability
 from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.lines import trusted_band
+from mjx_cutting.tracing.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.once import Pass, once
 from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.selfexcited import find_vibration
 from mjx_cutting.tracing.sheet import inside_the_sheet
-from mjx_cutting.tracing.verdict import testable, verdict
+from mjx_cutting.tracing.verdict import TIED, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
 
@@ -73,11 +76,18 @@ def trace(
     dataset = as_levels(dataset)
     with _platform.x64():
         band = trusted_band(dataset, band_hz)
+        dataset, on_path = steady_cuts(dataset)
 
         def one_pass(trials: Dataset) -> Pass:
             return once(trials, band, kinds, steady, seed, progress)
 
-        found = inside_the_sheet(one_pass(dataset), one_pass)
+        found = None
+        if on_path:
+            progress("on the measured path of the tool")
+            bare = once(dataset, band, (), (), seed, progress)
+            found = _if_better(once(dataset, band, kinds, steady, seed, progress, pose_on_path), bare)
+        if found is None:
+            found = inside_the_sheet(one_pass(dataset), one_pass)
         if any(kind.name == VIBRATION for kind in kinds):
             progress("lines off the spindle's multiples")
             found = _with_vibration(found)
@@ -104,8 +114,34 @@ def trace(
         depends_before=depends_before,
         depends_after=depends_after,
         verdict=word,
-        caveats=() if reading is None else (str(reading),),
+        caveats=_caveats(found, reading),
     )
+
+
+def _caveats(found: Pass, reading: Reading | None) -> tuple[str, ...]:
+    caveats = [] if reading is None else [str(reading)]
+    motion = found.search.problem.motion
+    if motion is not None:
+        moved_m = np.sqrt(2.0 * np.sum(np.abs(np.asarray(motion)) ** 2, axis=(1, 2)))
+        kg = next(
+            float(np.asarray(each.mass_kg)) for each in found.model.effects if isinstance(each, ToolGravity)
+        )
+        caveats.append(
+            f"the chip was computed on the measured motion of the tool ({1e6 * moved_m.min():.1f} to "
+            f"{1e6 * moved_m.max():.1f} um, root mean square within a turn), and the inertia of {kg:.2g} kg "
+            "that the sensor carries was taken into account; the error before is that of a straight path"
+        )
+    return tuple(caveats)
+
+
+def _if_better(moved: Pass, bare: Pass) -> Pass | None:
+    """The pass on the measured path, where held-out trials say that it tells clearly more than the `bare`
+    base model on a straight one. That stays the error before: it knows nothing of how the tool moves."""
+    gain, error = gain_over_trials(bare.final, moved.final)
+    if not gain > TIED * error:
+        return None
+    search = replace(moved.search, base=bare.search.base)
+    return replace(moved, search=search, base_model=bare.base_model, before=bare.before)
 
 
 def _with_vibration(found: Pass) -> Pass:

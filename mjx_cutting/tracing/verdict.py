@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.candidate import Candidate, Round
 from mjx_cutting.tracing.course import KINDS
-from mjx_cutting.tracing.decision import TOLERANCE, Interval
+from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.levels import LEVEL_KINDS
@@ -49,6 +49,7 @@ def verdict(
         evidence: sentences for each accepted effect, by name.
     """
     floor = noise_floor(dataset, lines)
+    least = reached(floor, found.problem.tolerance)
     accepted = [each for each in found.rounds if each.accepted is not None]
     ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
     named = [_effect(each, own, evidence) for each, own in zip(accepted, found.intervals, strict=True)]
@@ -58,7 +59,7 @@ def verdict(
     return {
         "format": FORMAT,
         "verdict": _word(
-            found.base, end, floor, bool(named), bool(ambiguous), _shown(before, dataset, found, floor), left
+            found.base, end, least, bool(named), bool(ambiguous), _shown(before, dataset, found, least), left
         ),
         "before": _errors(found.base, lines),
         "after": _errors(end, lines),
@@ -138,13 +139,12 @@ def has(dataset: Dataset, need: str) -> bool:
 def _word(
     base: HeldOut,
     end: HeldOut,
-    floor: float,
+    least: float,
     named: bool,
     tied: bool,
     shown: bool,
     left: list[Dependence],
 ) -> str:
-    least = reached(floor)
     if not named:
         return "unexplained" if base.nrmse > least and shown else "nothing missing"
     if tied:
@@ -152,18 +152,18 @@ def _word(
     return "partly explained" if end.nrmse > least or left else "explained"
 
 
-def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, floor: float) -> bool:
+def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least: float) -> bool:
     """Whether something is missing: the residual depends on something, or is clearly more than noise.
 
     Levels, of which a trial has one, scatter more than the noise within a trial.
     """
-    clear = dataset.tool.kind not in LEVEL_KINDS and found.base.nrmse > _CLEARLY * reached(floor)
+    clear = dataset.tool.kind not in LEVEL_KINDS and found.base.nrmse > _CLEARLY * least
     return clear or any(each.found for each in before)
 
 
-def reached(floor: float) -> float:
-    """Heldout NRMSE up to which a model is as good as the noise floor lets it be."""
-    return float(np.hypot(AT_FLOOR * floor, TOLERANCE))
+def reached(floor: float, tolerance: float) -> float:
+    """Heldout NRMSE up to which a model is as good as the noise floor, and its own tolerance, let it be."""
+    return float(np.hypot(AT_FLOOR * floor, tolerance))
 
 
 def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from mjx_cutting.cutting.effects import RadialRunout
 from mjx_cutting.tracing.fit import base_starts, effect_starts, fit, freedom, reweighted, spread
 from mjx_cutting.tracing.heldout import folds, held_out
 from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import out_of_range, pose, residual
+from mjx_cutting.tracing.problem import out_of_range, pose
+from mjx_cutting.tracing.residual import residual
 from mjx_cutting.trials.synthetic import Hidden
 
 

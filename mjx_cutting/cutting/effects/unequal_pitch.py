@@ -49,7 +49,7 @@ class UnequalPitch(AbstractEffect):
     def cutter(self, cutter: Cutter, model: ForceModel) -> Cutter:
         error = jnp.asarray(self.pitch_error_rad)
         late = jnp.cumsum(error - error.mean())
-        return cutter._replace(lag_rad=cutter.lag_rad + late - late.mean(), even=False)
+        return cutter._replace(lag_rad=cutter.lag_rad + late - late[0], even=False)
 
     @classmethod
     def size(cls, tool: Tool) -> int:

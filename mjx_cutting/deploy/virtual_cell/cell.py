@@ -206,9 +206,9 @@ class Cell:
         arm = self.arm
         speed = float(-arm.velocity_m_s[1])
         return State(
-            int(flags), self.endpoint.taken, _three(self._error), _three(arm.velocity_m_s), _three(self._place),
-            _three(self.sensor.sample(self.clock_s)), speed, float(self.follower.path_m), self.cut_length_m,
-            self.saw.angle_rad, self.config.spindle_rev_s,
+            int(flags), self.endpoint.taken, _three(self._error), _three(arm.velocity_m_s),
+            _three(self._place), _three(self.sensor.sample(self.clock_s)), speed, float(self.follower.path_m),
+            self.cut_length_m, self.saw.angle_rad, self.config.spindle_rev_s,
         )  # fmt: skip
 
     def _centre(self) -> tuple[float, float, float, float]:
