@@ -8,9 +8,12 @@ teeth, if these are even), positions good to a small part of the chip, and a sen
 in the pose of the cut. A cut in which the motion is not alike from turn to turn is not steady: its lines are
 no function of the conditions, and it is left out.
 
-A chip of a few micrometres on a path measured to a part of one is not known as well as that of a stiff tool:
-with its true constants and runout the model leaves 1.7 to 1.8 % of the force of the virtual cell beyond the
-noise, so effects that account for less than 2 % are not named. The mass that the sensor carries belongs to the base model here: it is felt wherever the tool is accelerated.
+A chip of a few micrometres on a path measured to a part of one is not known as well as that of a stiff
+tool: with its true constants and runout the model leaves 1.7 to 1.8 % of the force of the virtual cell
+beyond the noise, so effects that account for less than 2 % are not named.
+
+The mass that the sensor carries belongs to the base model here: it is felt wherever the tool is
+accelerated.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """How far a model's own error may carry its parameters.
 
 Statistics of the trials tell how far noise moves a fitted parameter; with long records that is next to
-nothing. But no two calculations of a cutting force agree better than some `tolerance` of it, and an error of that
-size may point along a parameter's own mark. With J the Jacobian of the weighted residual, C = (J^T J)^-1 and
-|F| the weighted size of the force, it then moves a quantity g(x) by at most
+nothing. But no two calculations of a cutting force agree better than some `tolerance` of it, and an error of
+that size may point along a parameter's own mark. With J the Jacobian of the weighted residual, C = (J^T
+J)^-1 and |F| the weighted size of the force, it then moves a quantity g(x) by at most
 
     tolerance |F| sqrt(grad g^T C grad g).
 
