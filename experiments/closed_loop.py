@@ -74,7 +74,7 @@ class ClosedLoopConfig:
     materials: tuple[str, ...] = ("foam", "plastic", "cardboard", "mica", "aluminium")
     hidden: tuple[str, ...] = tuple(HIDDEN)
     rounds: int = 1
-    trials: int = 9
+    trials: int = 18
     cuts: int = 3
     candidates: tuple[str, ...] = CANDIDATES
     size: str = "cpu"

@@ -73,7 +73,7 @@ def separations(
     menu = [(words, _changed(cut, dataset, trials[like].milling, slot, **how)) for words, how in _MENU]
     menu = [(words.replace("depth", "width") if slot else words, each) for words, each in menu]
     cuts = jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *(each for _, each in menu))
-    record = problem.factor, problem.present, problem.whitened
+    record = problem.path_m, problem.factor, problem.present, problem.whitened
 
     def repeated(leaf: jax.Array) -> jax.Array:
         return jnp.repeat(leaf[like : like + 1], len(menu), axis=0)
@@ -81,7 +81,7 @@ def separations(
     speeds = np.asarray(cuts.spindle_speed_rev_s)
     widths = np.asarray(cuts.axial_width_m)
     further = eqx.tree_at(
-        lambda p: (p.cut, p.gain, p.factor, p.present, p.whitened),
+        lambda p: (p.cut, p.gain, p.path_m, p.factor, p.present, p.whitened),
         problem,
         (cuts, jnp.asarray(line_gain(dataset, speeds, widths, problem.orders)), *map(repeated, record)),
     )
