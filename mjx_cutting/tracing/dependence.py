@@ -62,6 +62,7 @@ _LOOK_FOR = {
     "position": "force larger or smaller at the same place in every trial: the sheet, its clamping, the pose",
     "feed": "an edge law that is not linear in chip thickness",
     "spindle speed": "a response in Hz (structure, sensor) or a law that depends on cutting speed",
+    "feed with spindle speed": "a law in which the two act together: heat, rate of strain",
     "radial depth": "compliance, friction on the engaged area, clogging",
     "cut length": "flank wear",
     "clock time": "thermal drift of the sensor",
@@ -252,6 +253,10 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Depende
         tests = [_ranked(np.asarray(values), size, varies), _straight(np.asarray(values), factor, factored)]
         p_value, share = min(tests)
         results.append(_entry(name, min(1.0, len(tests) * p_value), share))
+    feed, speed = (stats.rankdata(covariates[name]) for name in ("feed", "spindle speed"))
+    together = (feed - feed.mean()) * (speed - speed.mean())
+    if len(set(feed)) > 2 and len(set(speed)) > 2 and len(factor) > 5:
+        results.append(_entry("feed with spindle speed", *_straight(together, factor, factored)))
     return results
 
 

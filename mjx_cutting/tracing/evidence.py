@@ -40,11 +40,24 @@ def evidence(
             f"({once.min():.3g}-{once.max():.3g} N over all trials) while tooth passing goes from "
             f"{passing[first]:.3g} to {passing[last]:.3g} N"
         )
+    if teeth > 1 and _from_a_tooth(kind):
+        sentences.append(
+            f"its angle is counted from a tooth that nothing marks: known up to whole teeth, "
+            f"{360 / teeth:.3g} degrees"
+        )
     old = sum(float(np.sum(each.residual_n**2)) for each in before)
     new = sum(float(np.sum(each.residual_n**2)) for each in after)
     if new < old:
         sentences.append(f"the final model leaves {new / old:.0%} of the base model's residual energy")
     return sentences
+
+
+def _from_a_tooth(kind: type[AbstractEffect]) -> bool:
+    """Whether one of the effect's parameters is an angle on the tool."""
+    on_the_tool = kind.stage in ("spindle", "chip", "tool")
+    return on_the_tool and any(
+        each.unit == "rad" and each.identity is None for each in kind.parameters.values()
+    )
 
 
 def _trial(dataset: Dataset, prediction: Prediction) -> Trial:

@@ -3,12 +3,14 @@ fitted on it.
 
 The prediction is the model's lines evaluated at the trial's spindle angle, y(t) = bias + Re(c_0 + 2 sum c_n
 exp(i n (th + phase))), within the band. It is what scores, figures and the disturbance GP (measured minus
-predicted) are made from. Where an effect's response changes along the path, so do the lines.
+predicted) are made from. Where an effect changes along the path (a response by position, wear by the length
+cut), so do the lines.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -28,6 +30,7 @@ from mjx_cutting.tracing.spindle import spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 _KNOTS = 65
+_FEW_KNOTS = 3
 Array = NDArray[np.floating]
 
 
@@ -87,7 +90,8 @@ def predictions(
 ) -> tuple[Prediction, ...]:
     """The same from parts already made (call it in float64); the speeds are those of `lines`."""
     model, _ = _at_loaded_speed(model)
-    places = _along_the_path(problem, model) if by_position(model) else None
+    knots = _KNOTS if by_position(model) else _FEW_KNOTS if _grows(model) else 0
+    places = _along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
     phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
@@ -172,17 +176,24 @@ def _moving_wave(
     return band_limit(force, rate_hz, lines.band_hz)
 
 
-@jax.jit
-def _along_the_path(problem: Problem, model: ForceModel) -> jax.Array:
+def _grows(model: ForceModel) -> bool:
+    """Whether an effect grows with the length cut, in a trial as well."""
+    return any("cut length" in effect.needs for effect in model.effects)
+
+
+@partial(jax.jit, static_argnums=2)
+def _along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array:
     """[R, K, orders + 1, 3] lines at even steps along the path of every trial, N."""
 
     def at(share: jax.Array) -> jax.Array:
-        place = problem.cut.position_m + share * problem.path_m
-        there = problem.cut.replace(position_m=place)
+        away = share * problem.path_m
+        there = problem.cut.replace(
+            position_m=problem.cut.position_m + away, cut_length_m=problem.cut.cut_length_m + away
+        )
         still = eqx.tree_at(lambda p: (p.cut, p.path_m), problem, (there, 0.0 * problem.path_m))
         return model_lines(still, model)
 
-    return jnp.moveaxis(jax.lax.map(at, jnp.linspace(-0.5, 0.5, _KNOTS)), 0, 1)
+    return jnp.moveaxis(jax.lax.map(at, jnp.linspace(-0.5, 0.5, knots)), 0, 1)
 
 
 @jax.jit

@@ -28,6 +28,7 @@ AT_FLOOR = 1.1
 TIED = 2.0
 _TELLING = 5.0
 _CLEARLY = 1.5
+_CLEARLY_OF_LEVELS = 5.0
 _WIDER = "trials over a wider range of speed and feed"
 
 
@@ -157,8 +158,8 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least:
 
     Levels, of which a trial has one, scatter more than the noise within a trial.
     """
-    clear = dataset.tool.kind not in LEVEL_KINDS and found.base.nrmse > _CLEARLY * least
-    return clear or any(each.found for each in before)
+    clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
+    return found.base.nrmse > clearly * least or any(each.found for each in before)
 
 
 def reached(floor: float, tolerance: float) -> float:
