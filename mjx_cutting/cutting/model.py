@@ -12,6 +12,7 @@ here is a pure function of arrays.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -312,7 +313,9 @@ _MATERIAL_FIELDS = ("K_tc_n_m2", "K_te_n_m", "K_rc_n_m2", "K_re_n_m", "K_ac_n_m2
 def _effect(entry: Mapping[str, Any]) -> AbstractEffect:
     kind = effect_class(str(entry.get("name")))
     given = dict(entry.get("parameters", {}))
-    if set(given) != set(kind.parameters):
+    # what a later version added has a default, so that older files still load
+    optional = {each.name for each in dataclasses.fields(kind) if each.default is not dataclasses.MISSING}
+    if not set(kind.parameters) - optional <= set(given) <= set(kind.parameters):
         raise ValueError(
             f"effect {kind.name}: parameters are {sorted(given)}; "
             f"expected {sorted(kind.parameters)} in SI units"

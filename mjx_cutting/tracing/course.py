@@ -121,29 +121,35 @@ def _always(courses: Sequence[Course]) -> bool:
 
 
 def _wavelengths(courses: Sequence[Course]) -> Array:
-    """[P, 1] wavelengths from a quarter of the path down to 1 mm, as many as the positions tell apart."""
+    """[P, 2] wavelengths from a quarter of the path down to 1 mm, as many as the positions tell apart; the
+    edge's share is nil at first."""
     path = max(float(np.ptp(each.position_m)) for each in courses)
     span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
     samples_per_m = min(len(each.time_s) / max(float(np.ptp(each.position_m)), 1e-9) for each in courses)
     waves = np.arange(_FEWEST_WAVES / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
-    return 1.0 / waves[:_MOST_SHAPES, None]
+    return 1.0 / waves[:_MOST_SHAPES, None] * [1.0, 0.0]
 
 
 def _periodic(course: Course, shape: Array) -> Array:
     turn = 2.0 * np.pi * course.position_m / shape[0]
-    return np.stack([np.cos(turn)[:, None] * course.chip_n, -np.sin(turn)[:, None] * course.chip_n], axis=-1)
+    force = course.chip_n + shape[1] * course.edge_n
+    return np.stack([np.cos(turn)[:, None] * force, -np.sin(turn)[:, None] * force], axis=-1)
 
 
 def _periodic_effect(shape: Array, c: Array) -> AbstractEffect:
     return effect_class("material_periodicity")(
-        amplitude=float(np.hypot(*c)), wavelength_m=float(shape[0]), phase_rad=float(np.arctan2(c[1], c[0]))
+        amplitude=float(np.hypot(*c)),
+        wavelength_m=float(shape[0]),
+        phase_rad=float(np.arctan2(c[1], c[0])),
+        edge_share=float(shape[1]),
     )
 
 
 def _waves_near(shapes: Array, here: Array, zoom: float) -> Array:
     waves = 1.0 / shapes[:, 0]
     step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
-    return 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)[:, None]
+    near = 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)
+    return np.array([(wave, share) for share in (0.0, 1.0) for wave in near])
 
 
 def _layers(courses: Sequence[Course]) -> Array:

@@ -14,8 +14,8 @@ FEEDS = (0.008, 0.010, 0.0125, 0.015, 0.018, 0.02)
 NOISE_N = 0.1
 
 
-def _trials(gain) -> tuple[tuple[Course, ...], HeldOut]:
-    """Six cuts whose chip force is multiplied by 1 + gain(position, trial)."""
+def _trials(gain, edge_share=0.0) -> tuple[tuple[Course, ...], HeldOut]:
+    """Six cuts whose chip force, and a share of the edge's, is multiplied by 1 + gain(position, trial)."""
     found, error, energy = [], [], []
     time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
     for index, feed in enumerate(FEEDS):
@@ -24,7 +24,8 @@ def _trials(gain) -> tuple[tuple[Course, ...], HeldOut]:
         teeth = np.cos(2 * np.pi * 80.0 * time + index)[:, None]
         chip = (1.0 + 0.5 * teeth) * np.array([3.0, 5.0, 1.0])
         edge = np.full_like(chip, 2.0)
-        left = chip * gain(position, index)[:, None] + NOISE_N * generator.normal(size=chip.shape)
+        varying = (chip + edge_share * edge) * gain(position, index)[:, None]
+        left = varying + NOISE_N * generator.normal(size=chip.shape)
         found.append(
             Course(time, position, None, chip, edge, left - left.mean(axis=0), RATE_HZ, (0.0, 200.0))
         )
@@ -33,19 +34,22 @@ def _trials(gain) -> tuple[tuple[Course, ...], HeldOut]:
     return tuple(found), HeldOut(np.stack(error), np.stack(energy), None, np.arange(TRIALS))
 
 
-def _named(gain):
-    trials, before = _trials(gain)
+def _named(gain, edge_share=0.0):
+    trials, before = _trials(gain, edge_share)
     rounds = search_slow(trials, before, np.full(3, 1.0 / NOISE_N))
     return [each.accepted for each in rounds if each.accepted is not None], rounds
 
 
-def test_a_periodic_material_is_named_with_its_size():
-    (found, *more), _ = _named(lambda s, i: 0.3 * np.cos(2 * np.pi * s / 6e-3 + 0.5))
+@pytest.mark.parametrize("edge_share", [0.0, 1.0])
+def test_a_periodic_material_is_named_with_its_size(edge_share):
+    """Whether only the chip's resistance varies, or all of the sheet's."""
+    (found, *more), _ = _named(lambda s, i: 0.3 * np.cos(2 * np.pi * s / 6e-3 + 0.5), edge_share)
     assert found.kind.name == "material_periodicity" and not more
     values = found.effect.values()
     assert values["amplitude"] == pytest.approx(0.3, rel=0.03)
     assert values["wavelength_m"] == pytest.approx(6e-3, rel=0.003)
     assert values["phase_rad"] == pytest.approx(0.5, abs=0.1)
+    assert values["edge_share"] == edge_share
     assert found.heldout.nrmse == pytest.approx(NOISE_N * np.sqrt(3 / np.mean(
         [np.sum(e) / (RATE_HZ * SECONDS) for e in found.heldout.energy_n2])), rel=0.05)  # fmt: skip
 

@@ -1,9 +1,10 @@
 """Material periodicity: the sheet is harder and softer by turns along the path (corrugation, weave, cells).
 
-k_c (1 + eps cos(2 pi s / Lam + phase)), s the position along the path. Signature: lines at v / Lam (0.2 to 12
-Hz) and beside tooth passing at f_t +- v / Lam, coherent in POSITION from trial to trial. Confused with a mode
-of the robot, which keeps its frequency when the feed changes. Needs no column: without a measured position
-the feed gives it, up to the phase.
+k_c (1 + eps cos(2 pi s / Lam + phase)), s the position along the path; the edge constants vary by a share of
+that: 0 where only the chip's resistance changes, 1 where the whole sheet is harder and softer. Signature:
+lines at v / Lam (0.2 to 12 Hz) and beside tooth passing at f_t +- v / Lam, coherent in POSITION from trial to
+trial. Confused with a mode of the robot, which keeps its frequency when the feed changes. Needs no column:
+without a measured position the feed gives it, up to the phase.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ if TYPE_CHECKING:
 
 @register
 class MaterialPeriodicity(AbstractEffect):
-    """Chip constants that vary along the path.
+    """Constants that vary along the path.
 
-    Fields: `amplitude` [] eps, relative; `wavelength_m` [] Lam, m; `phase_rad` [] at position 0, rad.
+    Fields: `amplitude` [] eps of the chip constants, relative; `wavelength_m` [] Lam, m; `phase_rad` [] at
+    position 0, rad; `edge_share` [] eps of the edge constants over that of the chip's.
     """
 
     name = "material_periodicity"
@@ -40,6 +42,7 @@ class MaterialPeriodicity(AbstractEffect):
         "amplitude": Parameter("1", 0.0, 1.05, 0.0, 0.3, source="0.1-1"),
         "wavelength_m": Parameter("m", 1e-3, 5e-2, None, 5e-3, log=True, source="2-10 mm"),
         "phase_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
+        "edge_share": Parameter("1", 0.0, 1.0, None, 0.0),
     }
     steady = False
     signature = "lines at v / wavelength and beside tooth passing, coherent in position"
@@ -48,11 +51,16 @@ class MaterialPeriodicity(AbstractEffect):
     amplitude: ArrayLike
     wavelength_m: ArrayLike
     phase_rad: ArrayLike
+    edge_share: ArrayLike = 0.0
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         turn = 2.0 * jnp.pi * jnp.asarray(cut.position_m) / self.wavelength_m + self.phase_rad
-        more = 1.0 + self.amplitude * jnp.cos(turn)
-        return force._replace(chip=force.chip * more[..., None, None, None])
+        more = (self.amplitude * jnp.cos(turn))[..., None, None, None]
+        return EdgeForce(force.chip * (1.0 + more), force.edge * (1.0 + self.edge_share * more))
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 3
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> MaterialPeriodicity:

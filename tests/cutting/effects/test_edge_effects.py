@@ -150,6 +150,9 @@ def test_periodic_material_is_coherent_in_position():
     np.testing.assert_allclose(ratio, 1.0 + 0.4 * np.cos(2 * np.pi * position / 5e-3 + 0.3), rtol=1e-9)
     edge_only = force_of(model(1, weave), here) - force_of(model(1, weave, edge=0.0), here)
     np.testing.assert_allclose(edge_only[:, 1], edge_only[0, 1], rtol=1e-9)
+    whole = effect_class("material_periodicity")(0.4, 5e-3, 0.3, edge_share=1.0)
+    ratio = np.asarray(force_of(model(1, whole), here) / force_of(model(1), here))[:, 1]
+    np.testing.assert_allclose(ratio, 1.0 + 0.4 * np.cos(2 * np.pi * position / 5e-3 + 0.3), rtol=1e-9)
 
 
 def test_layers_step_at_their_place():
