@@ -11,6 +11,7 @@ Written as such code is usually written: clear NumPy on small arrays, no tricks.
 from __future__ import annotations
 
 import copy
+import math
 import multiprocessing
 import time
 from typing import Any, NamedTuple
@@ -73,7 +74,8 @@ class GymCutting:
         material = episode.material
         self.chip = np.array([material.K_tc_n_m2, material.K_rc_n_m2])
         self.edge = np.array([material.K_te_n_m, material.K_re_n_m])
-        self.payload = float(episode.payload_kg)
+        self.payload, self.gain_factor = float(episode.payload_kg), episode.gain_factor
+        self.sheet_height, self.sheet_slope = float(episode.sheet_height_m), float(episode.sheet_slope)
         self.model.body_mass[self.saw] = self.robot.model.body_mass[self.saw] + self.payload
         mujoco.mj_setConst(self.model, data)
         mujoco.mj_resetData(self.model, data)
@@ -98,7 +100,7 @@ class GymCutting:
         each = []
         for k in range(config.substeps):
             depth = before[4] + sink * k * config.physics_step_s
-            each.append(self._physics(gains * self.episode.gain_factor, feed, depth, sink))
+            each.append(self._physics(gains * self.gain_factor, feed, depth, sink))
         self.steps += 1
         errors, loads = np.array([one.error_m for one in each]), np.array([one.load_n for one in each])
         heard = np.mean([one.felt_n for one in each[-config.force_average_samples :]], axis=0)
@@ -157,18 +159,19 @@ class GymCutting:
         angular = stiff * tilt - 2.0 * np.sqrt(stiff) * speed[3:]
         operational = np.linalg.inv(jacobian @ np.linalg.inv(mass) @ jacobian.T)
         wish_rate = np.concatenate([linear, angular]) + config.null_damping_s * speed
-        torque = jacobian.T @ operational @ wish_rate - config.null_damping_s * mass @ data.qvel + bias
-        data.ctrl[:] = np.clip(torque, -self.robot.torque_limit_nm, self.robot.torque_limit_nm)
-        along = y - tcp[1]
-        surface = config.surface_height_m + self.episode.sheet_height_m + self.episode.sheet_slope * along
-        height = float(tcp[2] - surface)
+        torque = jacobian.T @ (operational @ wish_rate) - config.null_damping_s * (mass @ data.qvel) + bias
+        limit = self.robot.torque_limit_nm
+        data.ctrl[:] = np.minimum(np.maximum(torque, -limit), limit)
+        along = float(y - tcp[1])
+        height = float(tcp[2]) - config.surface_height_m - self.sheet_height - self.sheet_slope * along
         area, ahead = self._remove(along, height)
         force = self._force(*self._arc(along, height, ahead), -speed[1])
         data.qfrc_applied[:] = jacobian[:3].T @ force
         mujoco.mj_step2(model, data)
         carried = self.robot.tool_mass_kg + self.payload
         felt = force - carried * (com @ data.qacc + drift)
-        felt = felt + np.cross(tilt, felt + carried * gravity)
+        held = felt + carried * gravity
+        felt = felt + tilt[[1, 2, 0]] * held[[2, 0, 1]] - tilt[[2, 0, 1]] * held[[1, 2, 0]]
         self.filtered = self.keep * self.filtered + (1.0 - self.keep) * felt
         self.reference = min(self.reference + feed * config.physics_step_s, config.path_m)
         self.angle += self.turn
@@ -191,20 +194,24 @@ class GymCutting:
     def _arc(self, along: float, height: float, depth: float) -> tuple[float, float]:
         """Angles between which the teeth are in the sheet, for material `depth` deep ahead."""
         config, radius = self.config, self.config.radius_m
-        under = np.arccos(1.0 - np.clip((-self.thickness - height) / radius, 0.0, 1.0))
-        begin = np.arcsin(np.clip((config.approach_m - along) / radius, 0.0, 1.0))
-        end = np.arcsin(np.clip((config.path_m - along) / radius, 0.0, 1.0))
-        return max(under, begin), min(np.arccos(1.0 - min(depth / radius, 1.0)), end)
+        under = math.acos(1.0 - min(max(-self.thickness - height, 0.0) / radius, 1.0))
+        begin, end = (
+            math.asin(min(max(edge - along, 0.0) / radius, 1.0))
+            for edge in (config.approach_m, config.path_m)
+        )
+        return max(under, begin), min(math.acos(1.0 - min(depth / radius, 1.0)), end)
 
     def _force(self, enter: float, leave: float, speed: float) -> np.ndarray:
         """Mean cutting force over the step, base axes: integrated over what each tooth sweeps in the arc."""
         config = self.config
+        if leave <= enter:
+            return np.zeros(3)
         start = np.mod(self.angle - self.pitch + self.turn, 2.0 * np.pi) - self.turn
-        low, high = (np.clip(start + sweep, enter, max(leave, enter)) for sweep in (0.0, self.turn))
-        cosine = np.sum(np.sin(high) - np.sin(low))
-        sine = np.sum(np.cos(low) - np.cos(high))
-        mixed = 0.5 * np.sum(np.sin(high) ** 2 - np.sin(low) ** 2)
-        square = 0.5 * np.sum(high - low) - 0.25 * np.sum(np.sin(2.0 * high) - np.sin(2.0 * low))
+        ends = np.minimum(np.maximum([start, start + self.turn], enter), leave)
+        sines, cosines, span = np.sin(ends), np.cos(ends), np.sum(ends[1] - ends[0])
+        cosine, sine = np.sum(sines[1] - sines[0]), np.sum(cosines[0] - cosines[1])
+        mixed = 0.5 * np.sum(sines[1] ** 2 - sines[0] ** 2)
+        square = 0.5 * (span - np.sum(sines[1] * cosines[1] - sines[0] * cosines[0]))
         chip = max(speed, 0.0) / (config.teeth * config.spindle_speed_rev_s)
         (k_te, k_re), (tangential, radial) = self.edge, self.chip * chip
         feed = -(k_te * cosine + tangential * mixed + k_re * sine + radial * square)
