@@ -85,8 +85,30 @@ def test_a_factor_that_goes_with_the_place_is_told_from_one_that_goes_with_time(
         ways = [(t.feed_speed_m_s * t.time_s if share else t.time_s) for t in dataset.trials]
         most = max(lengths) if share else max(t.time_s[-1] for t in dataset.trials)
         pairs = zip(found, ways, strict=True)
-        scaled = [replace(p, predicted_n=p.measured_n / (1.0 + 0.4 * way / most)) for p, way in pairs]
+        scaled = [
+            replace(p, predicted_n=p.measured_n / (1.0 + 0.4 * way / most)[:, None]) for p, way in pairs
+        ]
         return {each.covariate for each in dependences(dataset, scaled, teeth=4, orders=12) if each.found}
 
     assert "position" in tests(True)
     assert "position" not in tests(False) and "time in trial" in tests(False)
+
+
+@pytest.mark.parametrize("covariate", ["spindle speed", "feed with spindle speed"])
+def test_a_factor_of_whole_trials_goes_with_their_conditions(dataset, covariate):
+    """Nine trials of three speeds and three feeds; a bias of each trial's own has taken the means away."""
+    like, trials, predictions = dataset.trials[0], [], []
+    for index in range(9):
+        speed, feed = index // 3 - 1, index % 3 - 1
+        name, drawn = f"{index}.csv", _left(dataset, lambda t, a, i: 0 * t, seed=index)[0]
+        trials.append(
+            replace(like, file=name, spindle_speed_rev_s=50.0 + 10 * speed, feed_speed_m_s=0.01 * 2.0**feed)
+        )
+        factor = 1.0 - 0.1 * (speed if covariate == "spindle speed" else speed * feed)
+        told = drawn.predicted_n / factor
+        told = told + (drawn.measured_n - told).mean(axis=0)
+        bias = (told - drawn.predicted_n / factor)[0]
+        predictions.append(replace(drawn, file=name, predicted_n=told, bias_n=bias))
+    found = dependences(replace(dataset, trials=tuple(trials)), predictions, teeth=4, orders=12)
+    factors = {each.covariate for each in found if each.found}
+    assert covariate in factors and not factors & {"feed", "cut length", "clock time", "radial depth"}
