@@ -105,6 +105,7 @@ def interval(
     laplace: float = 0.0,
     model_error: Any = 0.0,
     alone: Any = None,
+    on_grid: bool = False,
 ) -> Interval:
     """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
     wider, and beside it what the model's own error may do.
@@ -116,8 +117,10 @@ def interval(
         model_error: [] or [N] distance that the tolerated model error may move each value.
         alone: [] or [N] the same with the effect's other parameters held, by which it is judged whether the
             value of no effect can be reached: there they lose their meaning. Default `model_error`.
+        on_grid: whether the values were chosen from a grid.
 
-    An angle or a shape that no fold moved at all is not a finding: value and ends are NaN.
+    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: value and
+    ends are NaN.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
@@ -135,7 +138,7 @@ def interval(
     half = quantile * error + np.ravel(model_error)
     near = half if alone is None else quantile * error + np.ravel(alone)
     most, wide = float(value[tooth]), float(half[tooth])
-    if kind.parameters[name].identity is None and not half.any():
+    if kind.parameters[name].identity is None and not half.any() and not on_grid:
         return Interval(float("nan"), float("nan"), float("nan"), unit)
     ends = _ends(most, quantile * float(error[tooth]), wide, float(near[tooth]), kind.parameters[name])
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())

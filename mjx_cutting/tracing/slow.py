@@ -222,7 +222,7 @@ def _intervals(
     for name in (each for each in kind.effect.parameters if each in whole):
         error = TOLERANCE / accounted * np.abs(whole[name]) if name == kind.effect.strength else 0.0
         by_name = np.stack([each[name] for each in by_fold])
-        found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error)
+        found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error, on_grid=True)
     return found
 
 
