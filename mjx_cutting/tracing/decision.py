@@ -119,8 +119,8 @@ def interval(
             value of no effect can be reached: there they lose their meaning. Default `model_error`.
         on_grid: whether the values were chosen from a grid.
 
-    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: value and
-    ends are NaN.
+    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: value
+    and ends are NaN.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
