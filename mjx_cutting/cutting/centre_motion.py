@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class CentreMotion(AbstractEffect):
     """A known motion, not an effect to be found: it is not registered.
 
-    Fields: `lines` [K, 2] complex, in x and y, m.
+    Fields: `lines` [K, 3] complex, in x, y and z, m; the chip follows the first two.
     """
 
     name = "centre_motion"
@@ -33,14 +33,14 @@ class CentreMotion(AbstractEffect):
     lines: Array
 
     def cutter(self, cutter: Cutter, model: ForceModel) -> Cutter:
-        return cutter._replace(path=self.lines, even=False)
+        return cutter._replace(path=self.lines[:, :2], even=False)
 
 
 def felt_on(cut: Cut, lines: Array, angles: int) -> Cut:
-    """The cut with the acceleration of the motion [K, 2] in `gravity_x_m_s2` and `gravity_y_m_s2`, [angles]
-    each at even angles of a turn, as an effect of the mass that the sensor carries reads it."""
+    """The cut with the acceleration of the motion [K, 3] in `gravity_x_m_s2` and its sisters, [angles] each
+    at even angles of a turn, as an effect of the mass that the sensor carries reads it."""
     order = jnp.arange(1, lines.shape[0] + 1)
     angle = cut.angle_rad + 2.0 * jnp.pi / angles * jnp.arange(angles)
     rate = 2.0 * jnp.pi * jnp.asarray(cut.spindle_speed_rev_s) * order
     less = 2.0 * jnp.real(jnp.exp(1j * angle[:, None] * order) @ (rate[:, None] ** 2 * lines))
-    return cut.replace(gravity_x_m_s2=less[:, 0], gravity_y_m_s2=less[:, 1])
+    return cut.replace(gravity_x_m_s2=less[:, 0], gravity_y_m_s2=less[:, 1], gravity_z_m_s2=less[:, 2])

@@ -45,7 +45,7 @@ Array = NDArray[np.floating]
 class Motion:
     """How the tool moved in one trial.
 
-    Fields: `lines` [K, 2] complex, in process x and y at orders 1 to K of the measured angle, m; `unsteady_m`
+    Fields: `lines` [K, 3] complex, in process axes at orders 1 to K of the measured angle, m; `unsteady_m`
     what the chip under a tooth differs by from turn to turn (root mean square); `chip_m` mean chip fed.
     """
 
@@ -69,7 +69,7 @@ def measured_motion(dataset: Dataset) -> tuple[Motion, ...]:
     if dataset.tool.kind in LEVEL_KINDS or not (known and long):
         return ()
     motion = tuple(_motion(trial, dataset) for trial in trials)
-    moved_m = [np.sqrt(2.0 * np.sum(np.abs(each.lines) ** 2)) for each in motion]
+    moved_m = [np.sqrt(2.0 * np.sum(np.abs(each.lines[:, :2]) ** 2)) for each in motion]
     fed_m = [trial.feed_speed_m_s / (teeth * trial.spindle_speed_rev_s) for trial in trials]
     return motion if np.median(np.divide(moved_m, fed_m)) > _LEAST_SHARE else ()
 
@@ -124,7 +124,7 @@ def pose_on_path(dataset: Dataset, lines: Lines) -> Problem:
 def _motion(trial: Trial, dataset: Dataset) -> Motion:
     assert trial.position_m is not None and trial.spindle_angle_rad is not None
     orders = dataset.tool.teeth + _BEYOND_TOOTH_PASSING
-    place = columns_to_process(trial.position_m, dataset.axes)[:, :2]
+    place = columns_to_process(trial.position_m, dataset.axes)
     place = place - place.mean(axis=0)
     since = trial.time_s - trial.time_s[0]
     turns = basis(np.unwrap(trial.spindle_angle_rad), orders)[:, 1:]
@@ -135,7 +135,7 @@ def _motion(trial: Trial, dataset: Dataset) -> Motion:
     )
     middle = 0.5 * (entry + exit_)
     turn = max(2, round(dataset.sensor.sample_rate_hz / trial.spindle_speed_rev_s))
-    rest = (place - columns @ found) @ [np.sin(middle), np.cos(middle)]
+    rest = (place - columns @ found) @ [np.sin(middle), np.cos(middle), 0.0]
     fast = (rest - np.convolve(rest, np.ones(turn) / turn, "same"))[turn:-turn]
     fed_m = trial.feed_speed_m_s / (dataset.tool.teeth * trial.spindle_speed_rev_s)
     chip_m = fed_m * (np.cos(entry) - np.cos(exit_)) / (exit_ - entry)

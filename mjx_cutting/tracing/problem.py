@@ -58,7 +58,7 @@ class Problem(eqx.Module):
         shared_bias: True where the sensor was zeroed once a session (static).
         orders, angles: highest order and angles evaluated a turn (static).
         arc_rad: longest engagement arc of any trial, rounded up (static).
-        motion: [R, K, 2] lines of the tool's motion at its measured angle, m, which is then no unknown; None
+        motion: [R, K, 3] lines of the tool's motion at its measured angle, m, which is then no unknown; None
             for a straight path and phases of the trials' own.
         trust: [R, 3] factor on the weight of each trial; None: one.
         tolerance: share of the force by which any model of it may be wrong (static).

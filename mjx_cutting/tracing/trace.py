@@ -122,7 +122,7 @@ def _caveats(found: Pass, reading: Reading | None) -> tuple[str, ...]:
     caveats = [] if reading is None else [str(reading)]
     motion = found.search.problem.motion
     if motion is not None:
-        moved_m = np.sqrt(2.0 * np.sum(np.abs(np.asarray(motion)) ** 2, axis=(1, 2)))
+        moved_m = np.sqrt(2.0 * np.sum(np.abs(np.asarray(motion)[..., :2]) ** 2, axis=(1, 2)))
         kg = next(
             float(np.asarray(each.mass_kg)) for each in found.model.effects if isinstance(each, ToolGravity)
         )

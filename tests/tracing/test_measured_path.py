@@ -24,11 +24,11 @@ MATERIAL = Material(4e7, 6e3, 1.5e7, 4e3, 0.0, 0.0)
 
 def motion_lines(share: float, depth_m: float) -> np.ndarray:
     """The centre follows most of the runout, a little of it at the second order, and tooth passing."""
-    lines = np.zeros((20, 2), complex)
+    lines = np.zeros((20, 3), complex)
     once = -0.5 * share * OFFSET_M * np.exp(-1j * ANGLE_RAD)
-    lines[0] = -1j * once, once
-    lines[1] = 1.5e-6 * (1.0 + depth_m / 1e-3), 5e-7j
-    lines[19] = 1e-6, 3e-7
+    lines[0] = -1j * once, once, 4e-6
+    lines[1] = 1.5e-6 * (1.0 + depth_m / 1e-3), 5e-7j, 1e-6j
+    lines[19] = 1e-6, 3e-7, 0.0
     return lines
 
 
@@ -47,13 +47,13 @@ def trial(feed_m_s: float, depth_m: float, seed: int, restless_m: float = 0.0) -
     )  # fmt: skip
     force = np.array(order_lines(model, cut, orders=24, angles=960, arc_rad=0.5))
     rate = 2.0 * np.pi * SPEED_REV_S * np.arange(1, 21)
-    force[1:21, :2] += MASS_KG * rate[:, None] ** 2 * lines
+    force[1:21] += MASS_KG * rate[:, None] ** 2 * lines
     force *= line_gain(dataset(), np.array([SPEED_REV_S]), np.array([1.6e-3]), 24)[0][:, None]
     turns = np.exp(1j * np.multiply.outer(angle, np.arange(25)))
     record = np.real(turns @ (force * np.where(np.arange(25) > 0, 2.0, 1.0)[:, None]))
     place = 2.0 * np.real(np.exp(1j * np.multiply.outer(angle, np.arange(1, 21))) @ lines)
     place += restless_m * draw.normal(size=place.shape)
-    process = np.column_stack([place[:, 0] + feed_m_s * time, place[:, 1], np.zeros(len(time))])
+    process = np.column_stack([place[:, 0] + feed_m_s * time, place[:, 1], place[:, 2]])
     columns = np.stack([-process[:, 1], process[:, 0], process[:, 2]], axis=1)
     return Trial(
         file=f"t{seed:02d}.csv", kind="cut", milling="conventional", spindle_speed_rev_s=SPEED_REV_S,
