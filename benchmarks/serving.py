@@ -152,7 +152,7 @@ def serve(policy: Path, seconds: float, cores: list[int]) -> dict[str, Any]:
             told.append(text.strip())
             found = re.search(r"serving on [\d.]+:(\d+)", text)
             port = int(found[1]) if found else None
-        sent, reached = drive(port, seconds, cores)
+        sent, stopped_s = drive(port, seconds, cores)
         text = ask("127.0.0.1", port)
         memory = dict(
             one.split(":", 1) for one in Path(f"/proc/{process.pid}/status").read_text().splitlines()
@@ -172,13 +172,15 @@ def serve(policy: Path, seconds: float, cores: list[int]) -> dict[str, Any]:
         "held": int(value["mjx_cutting_held_total"]),
         "rss_mb": round(int(memory["VmHWM"].split()[0]) / 1024, 1),
         "fifo": next(one for one in told if one.startswith("SCHED_FIFO")),
-        "ran_through": reached,
+        "ran_through": stopped_s == 0.0,
+        "stopped_s": round(stopped_s, 3),
         "acted_on": max(0, int(value['mjx_cutting_packets_total{result="accepted"}']) - sent),
     }
 
 
-def drive(port: int, seconds: float, cores: list[int]) -> tuple[int, bool]:
-    """The controller: (packets sent, whether the cut still ran at the end). Hostile packets go beside it."""
+def drive(port: int, seconds: float, cores: list[int]) -> tuple[int, float]:
+    """The controller: (packets sent, s in which a cut once begun stood still). A cut that the server stopped
+    is begun again. Hostile packets go beside it."""
     realtime.request(FIFO - 10)
     os.sched_setaffinity(0, cores[-1:])
     client = Client("127.0.0.1", port)
@@ -189,9 +191,11 @@ def drive(port: int, seconds: float, cores: list[int]) -> tuple[int, bool]:
         state = State(Robot.READY, 0, still, still, still, (1.0, -8.0, 3.0), 0.0125, 0.0, 0.0, 0.0, 0.0)
         good = [protocol.encode(Type.STATE, state, session=1, sequence=9, challenge=5, time_ns=1)]
         attackers = hostile.packets(good)
-        begin, cycle = time.monotonic(), 0
+        begin, cycle, begun, stood = time.monotonic(), 0, False, 0
         while time.monotonic() - begin < seconds:
             client.send_state(state)
+            running = client.command is not None and client.command.mode is Mode.RUNNING
+            begun, stood = begun or running, stood + (begun and not running)
             if cycle % 25 == 0:
                 enemy.sendto(next(attackers), ("127.0.0.1", port))
             command = client.poll()
@@ -201,7 +205,7 @@ def drive(port: int, seconds: float, cores: list[int]) -> tuple[int, bool]:
                 client.ask(Type.START)
             cycle += 1
             time.sleep(max(0.0, begin + cycle / STATE_RATE_HZ - time.monotonic()))
-        return client.sequence, client.command is not None and client.command.mode is Mode.RUNNING
+        return client.sequence, stood / STATE_RATE_HZ if begun else seconds
     finally:
         client.close()
         enemy.close()
