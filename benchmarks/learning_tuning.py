@@ -59,7 +59,8 @@ def main() -> None:
         )
         if not episodes:
             raise ValueError(
-                f"got no episode that ended in {given.each_s:g} s; expected {LAST} or more; give a longer --each-s"
+                f"got no episode that ended in {given.each_s:g} s; expected {LAST} or more; "
+                "give a longer --each-s"
             )
         score = float(np.mean([each[2] for each in episodes[-LAST:]]))
         row = {"return": score, "steps": told["steps"], **{name: settings[name] for name in SPACE}}
