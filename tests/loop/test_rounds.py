@@ -126,4 +126,6 @@ def test_one_round(tmp_path: Path) -> None:
         assert told["scores"][name][0]["completed"] and np.isfinite(told["reward"][name])
         assert Artefact.load(folder / "round1" / f"{name}.npz").golden_action.size
     assert set(told["effects"]) == {"radial_runout"}
+    offset = told["effects"]["radial_runout"]["offset_m"]  # the arm follows it: the measured path tells it
+    assert offset["value"] == pytest.approx(1.2e-5, rel=0.15)
     assert "radial_runout" in rounds.table([told])
