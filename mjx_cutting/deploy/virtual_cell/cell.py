@@ -205,8 +205,9 @@ class Cell:
             flags |= Robot.FINISHED
         arm = self.arm
         speed = float(-arm.velocity_m_s[1])
+        error = self._error + arm.tip_m - self._place
         return State(
-            int(flags), self.endpoint.taken, _three(self._error), _three(arm.velocity_m_s),
+            int(flags), self.endpoint.taken, _three(error), _three(arm.velocity_m_s),
             _three(self._place), _three(self.sensor.sample(self.clock_s)), speed, float(self.follower.path_m),
             self.cut_length_m, self.saw.angle_rad, self.config.spindle_rev_s,
         )  # fmt: skip

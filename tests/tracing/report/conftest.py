@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from mjx_cutting.tracing.fit import Fit
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import compress
 from mjx_cutting.tracing.prediction import Prediction
+from mjx_cutting.tracing.problem import TOLERANCE
 from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.trace import Tracing
 from mjx_cutting.tracing.verdict import verdict
@@ -25,6 +27,7 @@ from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SPEED_REV_S, SECONDS = 2000.0, 25.0, 0.5
 ONCE_N = 40.0
+PROBLEM = SimpleNamespace(tolerance=TOLERANCE)  # the rest of a fitting problem is not read
 
 
 @pytest.fixture(scope="session")
@@ -161,4 +164,4 @@ def _search(energy: np.ndarray, teeth: int, named: bool) -> Search:
     last = final if named else base
     kinds = (effect_class("radial_runout"),) if named else ()
     told = (strength,) if named else ()
-    return Search(None, fit(False), base, kinds, fit(named), last, tuple(rounds), told)  # type: ignore[arg-type]
+    return Search(PROBLEM, fit(False), base, kinds, fit(named), last, tuple(rounds), told)  # type: ignore[arg-type]
