@@ -119,8 +119,8 @@ def interval(
             value of no effect can be reached: there they lose their meaning. Default `model_error`.
         on_grid: whether the values were chosen from a grid.
 
-    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: value
-    and ends are NaN.
+    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: its
+    interval is all of its physical range.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
@@ -139,7 +139,7 @@ def interval(
     near = half if alone is None else quantile * error + np.ravel(alone)
     most, wide = float(value[tooth]), float(half[tooth])
     if kind.parameters[name].identity is None and not half.any() and not on_grid:
-        return Interval(float("nan"), float("nan"), float("nan"), unit)
+        return Interval(most, kind.parameters[name].low, kind.parameters[name].high, unit)
     ends = _ends(most, quantile * float(error[tooth]), wide, float(near[tooth]), kind.parameters[name])
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
     return Interval(most, *ends, unit, *several)

@@ -69,8 +69,9 @@ def estimates(tracing: Tracing) -> list[Estimate]:
     for index, kind in enumerate(search.effects):
         entry = tracing.verdict["effects"][index]
         for name, said in entry["parameters"].items():
-            if said["value"] is None:
-                continue
+            whole = kind.parameters[name]
+            if whole.identity is None and (said["low"], said["high"]) == (whole.low, whole.high):
+                continue  # unknown
             values = np.asarray(getattr(by_fold.effects[index], name), dtype=float)
             if values.ndim > 1:
                 tooth = int(
