@@ -110,7 +110,8 @@ def once(
             ways = (*KINDS, entry_exit(found.lines, problem, model))
         trials = courses(dataset, found.lines, problem, model, found.after)
         trials = tuple(replace(each, apart=apart) for each in trials)
-        rounds = search_slow(trials, before, np.asarray(problem.weight), names, ways, progress)
+        weight, tolerance = np.asarray(problem.weight), problem.tolerance
+        rounds = search_slow(trials, before, weight, names, ways, progress, tolerance)
         for each in rounds:
             found = found.with_round(each)
         return replace(found, slow=rounds)

@@ -120,6 +120,7 @@ def search_slow(
     names: Sequence[str] | None = None,
     kinds: Sequence[Kind] = KINDS,
     progress: Callable[[str], None] = lambda text: None,
+    tolerance: float = TOLERANCE,
 ) -> tuple[SlowRound, ...]:
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
 
@@ -129,6 +130,7 @@ def search_slow(
         weight: [3] 1 / standard deviation of each axis.
         names: effects to try of `kinds`; default all.
         kinds: how each is looked for.
+        tolerance: share of the force that the steady model's own calculation may be off.
     """
     open_ = [kind for kind in kinds if (names is None or kind.name in names) and kind.testable(trials)]
     rounds: list[SlowRound] = []
@@ -137,7 +139,7 @@ def search_slow(
         tried = []
         for kind in open_:
             progress(f"along the trial: {kind.name}")
-            tried.append(_try(kind, trials, before, weight, free, len(open_)))
+            tried.append(_try(kind, trials, before, weight, free, len(open_), tolerance))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
         rounds.append(SlowRound(before, tuple(tried), accepted))
@@ -153,7 +155,13 @@ def search_slow(
 
 
 def _try(
-    kind: Kind, trials: Sequence[Course], before: HeldOut, weight: Array, free: float, tries: int
+    kind: Kind,
+    trials: Sequence[Course],
+    before: HeldOut,
+    weight: Array,
+    free: float,
+    tries: int,
+    tolerance: float,
 ) -> SlowCandidate:
     shapes = kind.grid(trials)
     everyone = np.ones(len(trials))
@@ -181,7 +189,8 @@ def _try(
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
     p = chance_over_trials(before, after, tries)
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, TOLERANCE**2)))
-    decision = decide(kind.effect, before, after, p, _intervals(kind, effect, by_fold, accounted))
+    parameters = _intervals(kind, effect, by_fold, accounted)
+    decision = decide(kind.effect, before, after, p, parameters, tolerance=tolerance)
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)

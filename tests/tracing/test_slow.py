@@ -124,3 +124,9 @@ def test_mains_is_named_whatever_phase_each_trial_starts_at():
     np.testing.assert_allclose(values["amplitude_n"], hum, atol=0.01)
     np.testing.assert_allclose(np.diff(values["phase_rad"]), np.diff(lag), atol=0.1)
     assert values["frequency_hz"] == pytest.approx(50.02, abs=0.02)
+
+
+def test_what_a_model_may_be_off_anyway_is_not_named():
+    trials, before = _trials(lambda s, i: 0.3 * np.cos(2 * np.pi * s / 6e-3 + 0.5))
+    (first, *_) = search_slow(trials, before, np.full(3, 1.0 / NOISE_N), tolerance=0.5)
+    assert first.accepted is None and "accounts for" in first.candidates[0].decision.reasons[0]
