@@ -222,7 +222,8 @@ def draw(told: dict[str, Any], path: Path) -> None:
             error.bar(place + shift, values, 0.38, color=colour, label=f"{key} tracing")
         for spot, each in zip(place, cells, strict=True):
             top = max(each["heldout_nrmse_before"], each["heldout_nrmse_after"])
-            error.text(spot, top, ", ".join(each["named"]) or "-", ha="center", va="bottom", fontsize=6)
+            named = "\n".join(name.replace("_", " ") for name in each["named"])
+            error.text(spot, top, named or "-", ha="center", va="bottom", fontsize=6)
         error.set_title(f"hidden: {name}")
         for shift, key, colour in (
             (-0.27, "gp_only", "tab:orange"), (0.0, "effect_only", "tab:blue"),
