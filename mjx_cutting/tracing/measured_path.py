@@ -34,6 +34,7 @@ from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial, columns_to_proce
 _BEYOND_TOOTH_PASSING = 4
 _SLOW_TERMS = 6
 _LEAST_SHARE = 0.02
+_OVER_NOISE = 3.0
 _MOST_UNSTEADY = 0.5
 _FEWEST_TRIALS = 3
 _BIAS_SHARE = 0.05
@@ -46,12 +47,16 @@ class Motion:
     """How the tool moved in one trial.
 
     Fields: `lines` [K, 3] complex, in process axes at orders 1 to K of the measured angle, m; `unsteady_m`
-    what the chip under a tooth differs by from turn to turn (root mean square); `chip_m` mean chip fed.
+    what the chip under a tooth differs by from turn to turn (root mean square); `chip_m` mean chip fed;
+    `moved_m` the motion in the cutting plane (root mean square); `noise_m` what of it the rest of the record
+    would give if it were noise.
     """
 
     lines: NDArray[np.complexfloating]
     unsteady_m: float
     chip_m: float
+    moved_m: float
+    noise_m: float
 
     @property
     def steady(self) -> bool:
@@ -61,7 +66,7 @@ class Motion:
 
 def measured_motion(dataset: Dataset) -> tuple[Motion, ...]:
     """The motion in every cut trial; none at all where it was not measured in all of them, or moves the tool
-    by less than 2 % of the feed per tooth."""
+    by less than 2 % of the feed per tooth, or than positions that are mere noise would show."""
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     teeth = dataset.tool.teeth
     known = all(t.position_m is not None and t.spindle_angle_rad is not None for t in trials)
@@ -69,9 +74,12 @@ def measured_motion(dataset: Dataset) -> tuple[Motion, ...]:
     if dataset.tool.kind in LEVEL_KINDS or not (known and long):
         return ()
     motion = tuple(_motion(trial, dataset) for trial in trials)
-    moved_m = [np.sqrt(2.0 * np.sum(np.abs(each.lines[:, :2]) ** 2)) for each in motion]
     fed_m = [trial.feed_speed_m_s / (teeth * trial.spindle_speed_rev_s) for trial in trials]
-    return motion if np.median(np.divide(moved_m, fed_m)) > _LEAST_SHARE else ()
+    clear = [
+        each.moved_m > max(_LEAST_SHARE * fed, _OVER_NOISE * each.noise_m)
+        for each, fed in zip(motion, fed_m, strict=True)
+    ]
+    return motion if sum(clear) > len(clear) / 2 else ()
 
 
 def steady_cuts(dataset: Dataset) -> tuple[Dataset, bool]:
@@ -90,10 +98,10 @@ def steady_cuts(dataset: Dataset) -> tuple[Dataset, bool]:
             f"{1e6 * each.unsteady_m:.1f} um, of {1e6 * each.chip_m:.1f} um that are fed"
         )
         left_out.append(LeftOut(trial.file, why))
-    cuts = sum(trial.kind == "cut" for trial in kept)
-    if cuts < _FEWEST_TRIALS or not measured_motion(dataset):
+    steady = replace(dataset, trials=tuple(kept), left_out=(*dataset.left_out, *left_out))
+    if len(measured_motion(steady)) < _FEWEST_TRIALS:
         return dataset, False
-    return replace(dataset, trials=tuple(kept), left_out=(*dataset.left_out, *left_out)), True
+    return steady, True
 
 
 def pose_on_path(dataset: Dataset, lines: Lines) -> Problem:
@@ -135,10 +143,14 @@ def _motion(trial: Trial, dataset: Dataset) -> Motion:
     )
     middle = 0.5 * (entry + exit_)
     turn = max(2, round(dataset.sensor.sample_rate_hz / trial.spindle_speed_rev_s))
-    rest = (place - columns @ found) @ [np.sin(middle), np.cos(middle), 0.0]
-    fast = (rest - np.convolve(rest, np.ones(turn) / turn, "same"))[turn:-turn]
+    rest = place - columns @ found
+    slow = np.stack([np.convolve(axis, np.ones(turn) / turn, "same") for axis in rest.T], axis=1)
+    still = (rest - slow)[turn:-turn]
+    chip_of = still @ [np.sin(middle), np.cos(middle), 0.0]
     fed_m = trial.feed_speed_m_s / (dataset.tool.teeth * trial.spindle_speed_rev_s)
     chip_m = fed_m * (np.cos(entry) - np.cos(exit_)) / (exit_ - entry)
     lines = 0.5 * (found[: 2 * orders : 2] - 1j * found[1 : 2 * orders : 2])
+    moved_m = float(np.sqrt(2.0 * np.sum(np.abs(lines[:, :2]) ** 2)))
+    noise_m = float(np.sqrt(2.0 * orders / len(since) * np.sum(np.var(still[:, :2], axis=0))))
     # the chip is the difference between two passes
-    return Motion(lines, float(np.sqrt(2.0) * np.std(fast)), float(chip_m))
+    return Motion(lines, float(np.sqrt(2.0) * np.std(chip_of)), float(chip_m), moved_m, noise_m)

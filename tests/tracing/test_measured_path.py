@@ -103,6 +103,20 @@ def test_cuts_that_are_not_steady_are_left_out(trials):
     assert steady_cuts(few) == (few, False)
 
 
+def test_noise_of_the_positions_is_no_motion(trials):
+    draw = np.random.default_rng(1)
+    noisy = [
+        replace(
+            t,
+            position_m=np.column_stack([t.feed_speed_m_s * t.time_s] + [0 * t.time_s] * 2)
+            + 2e-5 * draw.normal(size=(len(t.time_s), 3)),
+        )
+        for t in trials
+    ]
+    still = dataset(*noisy)
+    assert steady_cuts(still) == (still, False)
+
+
 @pytest.mark.slow
 def test_runout_that_the_arm_follows_is_found(trials):
     found = trace(dataset(*trials), band_hz=(0.0, 120.0), effects=["radial_runout", "size_effect"])
