@@ -104,7 +104,7 @@ def interval(
     by_fold: Any,
     laplace: float = 0.0,
     model_error: Any = 0.0,
-    alone: Any = None,
+    alone: float | None = None,
     on_grid: bool = False,
 ) -> Interval:
     """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
@@ -115,9 +115,13 @@ def interval(
         by_fold: [F] or [F, N] values of the folds.
         laplace: standard error by curvature.
         model_error: [] or [N] distance that the tolerated model error may move each value.
-        alone: [] or [N] the same with the effect's other parameters held, by which it is judged whether the
-            value of no effect can be reached: there they lose their meaning. Default `model_error`.
+        alone: the same of a strength along its own direction, with the effect's other parameters held: by it
+            it is judged whether the value of no effect can be reached, since there they lose their meaning.
+            Default `model_error` of the surest value.
         on_grid: whether the values were chosen from a grid.
+
+    A model's error that may be several times the value undoes it; a smaller one only widens the interval. Of
+    several values that is judged along their own direction; the surest of them is told.
 
     An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: its
     interval is all of its physical range.
@@ -128,7 +132,7 @@ def interval(
     folds = len(values)
     if unit == "rad" and not kind.parameters[name].per_tooth:
         values = value + np.angle(np.exp(1j * (values - value)))
-    spread = np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
+    spread = _jackknife(values)
     error = np.maximum(spread, laplace)
     # the surest entry; what the trials do not move (held at a bound, say) says nothing, unless nothing moves
     moved = spread > _UNMOVED * np.abs(value)
@@ -136,32 +140,48 @@ def interval(
     tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
     quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
     half = quantile * error + np.ravel(model_error)
-    near = half if alone is None else quantile * error + np.ravel(alone)
     most, wide = float(value[tooth]), float(half[tooth])
     if kind.parameters[name].identity is None and not half.any() and not on_grid:
         return Interval(most, kind.parameters[name].low, kind.parameters[name].high, unit)
-    ends = _ends(most, quantile * float(error[tooth]), wide, float(near[tooth]), kind.parameters[name])
+    away = value - (kind.parameters[name].identity or 0.0)
+    along = away / max(float(np.linalg.norm(away)), 1e-300)
+    reach = wide if alone is None else quantile * _jackknife(values @ along) + alone
+    size = abs(away[tooth]) if alone is None else np.linalg.norm(away)
+    proven = bool(_proven(away[moved], error[moved], folds) and reach <= _MOST_WIDENED * size)
+    ends = _ends(most, wide, kind.parameters[name], proven)
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
     return Interval(most, *ends, unit, *several)
 
 
-def _ends(
-    value: float, by_trials: float, wide: float, near: float, declared: Parameter
-) -> tuple[float, float]:
-    """Ends of an interval of half-width `wide`, of which the trials make `by_trials`.
+def _jackknife(values: Array) -> Array:
+    """[...] standard error of what was fitted without each fold, `values` [F, ...]."""
+    folds = len(values)
+    return np.asarray(np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0)))
 
-    A model's error changes the size of an effect that the trials prove; it does not undo it. So where only
-    that error would reach the value of no effect, the same width is laid on a logarithmic scale from there,
-    within the physical range. One that is several times the value does undo it: `near` is what counts for
-    that, the half-width with the effect's other parameters held. What is fitted on a logarithmic scale is
-    told on one.
+
+def _proven(away: Array, error: Array, folds: int) -> bool:
+    """Whether values [N], each with its standard error, differ from those of no effect by more than the
+    trials' scatter: one of them by more than the best of N does by chance, or all of them together."""
+    if not len(away):
+        return True
+    tail, freedom = 0.5 * (1.0 - CONFIDENCE), max(folds - 1, 1)
+    one = np.abs(away) > stats.t.isf(tail / len(away), freedom) * error
+    together = np.linalg.norm(away) > stats.t.isf(tail, freedom) * np.linalg.norm(error)
+    return bool(one.any() or together)
+
+
+def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple[float, float]:
+    """Ends of an interval of half-width `wide`.
+
+    A model's error changes the size of an effect that the trials have `proven`; it does not undo it. So
+    where the width would reach the value of no effect all the same, it is laid on a logarithmic scale from
+    there, within the physical range. What is fitted on a logarithmic scale is told on one.
     """
     origin = 0.0 if declared.log and declared.identity is None else declared.identity
     if origin is None or value == origin:
         return value - wide, value + wide
     away = value - origin
-    doubtful = by_trials >= abs(away) or near > _MOST_WIDENED * abs(away)
-    if declared.identity is not None and (wide < abs(away) or doubtful):
+    if declared.identity is not None and (wide < abs(away) or not proven):
         return value - wide, value + wide
     share = min(wide / abs(away), _WIDEST)
     low, high = sorted(origin + away * np.exp(sign * share) for sign in (-1.0, 1.0))

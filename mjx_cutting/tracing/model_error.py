@@ -38,11 +38,11 @@ def tolerated(problem: Problem, lines: Lines) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """How far the tolerated error moves parameters: all by name ([] or [N]); the strength with the effect's
-    shape held ([] or [N])."""
+    """How far the tolerated error moves parameters: all by name ([] or [N]); the strength, along its own
+    direction where it has several values, with the effect's shape held."""
 
     by_name: dict[str, Array]
-    strength_alone: Array
+    strength_alone: float
 
 
 def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike) -> list[Moved]:
@@ -71,7 +71,10 @@ def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike)
         everything = np.eye(len(here))
         held = null_space(np.concatenate(shape)) if shape else everything
         by_name = {name: error * _reach(each, normal, everything) for name, each in gradients.items()}
-        found.append(Moved(by_name, error * _reach(gradients[kind.strength], normal, held)))
+        strength = np.atleast_1d(np.asarray(getattr(effect, kind.strength))[0])
+        along = strength / max(float(np.linalg.norm(strength)), 1e-300)
+        alone = _reach(along @ np.atleast_2d(gradients[kind.strength]), normal, held)
+        found.append(Moved(by_name, error * float(alone)))
     return found
 
 

@@ -127,6 +127,30 @@ def test_of_several_values_the_surest_speaks_and_all_are_told():
     assert found.high - found.value == pytest.approx(found.half[1])
 
 
+def _leave_one_out(parts):
+    """Mean of F parts and the F means without each."""
+    return parts.mean(axis=0), (parts.sum(axis=0) - parts) / (len(parts) - 1)
+
+
+def test_of_many_teeth_none_of_which_stands_out_the_pattern_speaks():
+    true = np.where(np.arange(80) % 2, 1e-3, -1e-3)
+    whole, folds = _leave_one_out(true + 5e-4 * np.random.default_rng(0).standard_normal((5, 80)))
+    found = interval(UnequalPitch, "pitch_error_rad", whole, folds, model_error=2e-3, alone=1.5e-3)
+    assert found.low * found.high > 0.0
+    # an error of the model that could make the whole pattern undoes it
+    undone = interval(UnequalPitch, "pitch_error_rad", whole, folds, model_error=2e-3, alone=4e-2)
+    assert undone.low < 0.0 < undone.high
+
+
+def test_the_best_of_many_teeth_is_no_finding():
+    rng, named = np.random.default_rng(1), 0
+    for _ in range(200):
+        whole, folds = _leave_one_out(1e-3 * rng.standard_normal((5, 80)))
+        found = interval(UnequalPitch, "pitch_error_rad", whole, folds, model_error=1e-2, alone=0.0)
+        named += bool(found.low * found.high > 0.0)
+    assert named <= 20  # one in twenty is asked
+
+
 def test_a_value_that_no_trial_moves_does_not_speak_for_the_others():
     whole, folds = np.array([9.0, 2.0]), np.array([[9.0, 1.9], [9.0 + 1e-9, 2.1], [9.0, 2.0]])
     assert interval(UnequalPitch, "pitch_error_rad", whole, folds).value == 2.0
