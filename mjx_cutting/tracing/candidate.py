@@ -118,7 +118,7 @@ def parameters(
                 getattr(whole, name),
                 getattr(by_fold, name),
                 model_error=moved.by_name[name],
-                alone=moved.strength_alone if name == kind.strength else None,
+                scale=moved.scale if name == kind.strength else None,
             )
             for name in kind.parameters
         }

@@ -104,7 +104,7 @@ def interval(
     by_fold: Any,
     laplace: float = 0.0,
     model_error: Any = 0.0,
-    alone: float | None = None,
+    scale: NDArray[np.floating] | None = None,
     on_grid: bool = False,
 ) -> Interval:
     """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
@@ -115,13 +115,12 @@ def interval(
         by_fold: [F] or [F, N] values of the folds.
         laplace: standard error by curvature.
         model_error: [] or [N] distance that the tolerated model error may move each value.
-        alone: the same of a strength along its own direction, with the effect's other parameters held: by it
-            it is judged whether the value of no effect can be reached, since there they lose their meaning.
-            Default `model_error` of the surest value.
+        scale: [N, N] of a strength: times it, the strength is in multiples of the tolerated model error, with
+            the effect's other parameters held. By it is judged whether the value of no effect can be reached,
+            since there they lose their meaning; default, by the surest value and its `model_error`.
         on_grid: whether the values were chosen from a grid.
 
-    A model's error that may be several times the value undoes it; a smaller one only widens the interval. Of
-    several values that is judged along their own direction; the surest of them is told.
+    A model's error that may be several times the value undoes it; a smaller one only widens the interval.
 
     An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: its
     interval is all of its physical range.
@@ -143,11 +142,12 @@ def interval(
     most, wide = float(value[tooth]), float(half[tooth])
     if kind.parameters[name].identity is None and not half.any() and not on_grid:
         return Interval(most, kind.parameters[name].low, kind.parameters[name].high, unit)
-    away = value - (kind.parameters[name].identity or 0.0)
-    along = away / max(float(np.linalg.norm(away)), 1e-300)
-    reach = wide if alone is None else quantile * _jackknife(values @ along) + alone
-    size = abs(away[tooth]) if alone is None else np.linalg.norm(away)
-    proven = bool(_proven(away[moved], error[moved], folds) and reach <= _MOST_WIDENED * size)
+    origin = kind.parameters[name].identity or 0.0
+    if scale is None:
+        away = abs(most - origin)
+        proven = quantile * float(error[tooth]) < away and wide <= _MOST_WIDENED * away
+    else:
+        proven = _proven((value - origin)[moved], (values - origin)[:, moved], scale[:, moved])
     ends = _ends(most, wide, kind.parameters[name], proven)
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
     return Interval(most, *ends, unit, *several)
@@ -159,15 +159,26 @@ def _jackknife(values: Array) -> Array:
     return np.asarray(np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0)))
 
 
-def _proven(away: Array, error: Array, folds: int) -> bool:
-    """Whether values [N], each with its standard error, differ from those of no effect by more than the
-    trials' scatter: one of them by more than the best of N does by chance, or all of them together."""
+def _proven(away: Array, by_fold: Array, scale: NDArray[np.floating]) -> bool:
+    """Whether a strength is more than the trials' scatter and not less than a third of what the model's own
+    error may make of it.
+
+    Arguments:
+        away: [N] strength less the value of no effect; by_fold: [F, N] of the folds.
+        scale: [M, N] into multiples of the model's error. There all values are known equally well, so that
+            what the trials hardly show (how wide a gap is beyond the sensor's band) does not drown the rest.
+
+    Of several values either one must stand out by more than the best of N does by chance, or all together.
+    """
     if not len(away):
         return True
-    tail, freedom = 0.5 * (1.0 - CONFIDENCE), max(folds - 1, 1)
-    one = np.abs(away) > stats.t.isf(tail / len(away), freedom) * error
-    together = np.linalg.norm(away) > stats.t.isf(tail, freedom) * np.linalg.norm(error)
-    return bool(one.any() or together)
+    tail, freedom = 0.5 * (1.0 - CONFIDENCE), max(len(by_fold) - 1, 1)
+    seen, folds = scale @ away, by_fold @ scale.T
+    size, limit = float(np.linalg.norm(seen)), float(stats.t.isf(tail, freedom))
+    one = np.abs(away) > stats.t.isf(tail / len(away), freedom) * _jackknife(by_fold)
+    together = size > limit * np.linalg.norm(_jackknife(folds))
+    along = limit * float(_jackknife(folds @ seen)) / max(size, 1e-300)
+    return bool((one.any() or together) and along + 1.0 <= _MOST_WIDENED * size)
 
 
 def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple[float, float]:

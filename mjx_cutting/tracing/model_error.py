@@ -38,11 +38,16 @@ def tolerated(problem: Problem, lines: Lines) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """How far the tolerated error moves parameters: all by name ([] or [N]); the strength, along its own
-    direction where it has several values, with the effect's shape held."""
+    """What the tolerated error does to parameters.
+
+    Fields:
+        by_name: how far it moves each, [] or [N].
+        scale: [N, N] (N = 1 for a number) turns the strength into multiples of that error with the effect's
+            shape held: |scale s| of them undo a strength s, everything else being fitted again.
+    """
 
     by_name: dict[str, Array]
-    strength_alone: float
+    scale: Array
 
 
 def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike) -> list[Moved]:
@@ -68,17 +73,27 @@ def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike)
         shape = [
             np.atleast_2d(gradients[name]) for name, each in kind.parameters.items() if each.identity is None
         ]
-        everything = np.eye(len(here))
-        held = null_space(np.concatenate(shape)) if shape else everything
-        by_name = {name: error * _reach(each, normal, everything) for name, each in gradients.items()}
-        strength = np.atleast_1d(np.asarray(getattr(effect, kind.strength))[0])
-        along = strength / max(float(np.linalg.norm(strength)), 1e-300)
-        alone = _reach(along @ np.atleast_2d(gradients[kind.strength]), normal, held)
-        found.append(Moved(by_name, error * float(alone)))
+        held = null_space(np.concatenate(shape)) if shape else np.eye(len(here))
+        by_name = {name: error * _reach(each, normal) for name, each in gradients.items()}
+        spread = _spread(np.atleast_2d(gradients[kind.strength]), normal, held)
+        found.append(Moved(by_name, _inverse_root(spread) / error))
     return found
 
 
-def _reach(gradient: Array, normal: Array, ways: Array) -> Array:
-    """[...] sqrt(g^T C g) of quantities with `gradient` [..., U], moved along the columns of `ways`."""
-    spread = ways @ np.linalg.pinv(ways.T @ normal @ ways, hermitian=True) @ ways.T
+def _reach(gradient: Array, normal: Array) -> Array:
+    """[...] sqrt(g^T C g) of quantities with `gradient` [..., U]."""
+    spread = np.linalg.pinv(normal, hermitian=True)
     return np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", gradient, spread, gradient), 0.0))
+
+
+def _spread(gradient: Array, normal: Array, ways: Array) -> Array:
+    """[N, N] G C G^T of N quantities with `gradient` [N, U], moved along the columns of `ways` [U, K]."""
+    along = gradient @ ways
+    return np.asarray(along @ np.linalg.pinv(ways.T @ normal @ ways, hermitian=True) @ along.T)
+
+
+def _inverse_root(square: Array) -> Array:
+    """[N, N] A^-1/2 of a symmetric positive semidefinite matrix; zero along directions that cannot move."""
+    values, vectors = np.linalg.eigh(square)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])) @ vectors[:, kept].T)

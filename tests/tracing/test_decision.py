@@ -103,7 +103,9 @@ def test_the_models_error_widens_what_the_trials_prove_without_undoing_it():
 
 def test_a_trade_off_with_the_shape_does_not_undo_an_effect_that_is_there():
     sure = np.array([1.4e-6, 1.5e-6, 1.6e-6, 1.5e-6])
-    apart = interval(Ploughing, "minimum_chip_m", 1.5e-6, sure, model_error=9e-6, alone=9e-7)
+    apart = interval(
+        Ploughing, "minimum_chip_m", 1.5e-6, sure, model_error=9e-6, scale=np.array([[1 / 9e-7]])
+    )
     assert 0.0 < apart.low < 1e-7 and apart.high == Ploughing.parameters["minimum_chip_m"].high
     assert interval(Ploughing, "minimum_chip_m", 1.5e-6, sure, model_error=9e-6).low < 0.0
 
@@ -135,10 +137,14 @@ def _leave_one_out(parts):
 def test_of_many_teeth_none_of_which_stands_out_the_pattern_speaks():
     true = np.where(np.arange(80) % 2, 1e-3, -1e-3)
     whole, folds = _leave_one_out(true + 5e-4 * np.random.default_rng(0).standard_normal((5, 80)))
-    found = interval(UnequalPitch, "pitch_error_rad", whole, folds, model_error=2e-3, alone=1.5e-3)
+    found = interval(
+        UnequalPitch, "pitch_error_rad", whole, folds, model_error=2e-3, scale=np.eye(80) / 1.5e-3
+    )
     assert found.low * found.high > 0.0
     # an error of the model that could make the whole pattern undoes it
-    undone = interval(UnequalPitch, "pitch_error_rad", whole, folds, model_error=2e-3, alone=4e-2)
+    undone = interval(
+        UnequalPitch, "pitch_error_rad", whole, folds, model_error=2e-3, scale=np.eye(80) / 4e-2
+    )
     assert undone.low < 0.0 < undone.high
 
 
@@ -146,7 +152,9 @@ def test_the_best_of_many_teeth_is_no_finding():
     rng, named = np.random.default_rng(1), 0
     for _ in range(200):
         whole, folds = _leave_one_out(1e-3 * rng.standard_normal((5, 80)))
-        found = interval(UnequalPitch, "pitch_error_rad", whole, folds, model_error=1e-2, alone=0.0)
+        found = interval(
+            UnequalPitch, "pitch_error_rad", whole, folds, model_error=1e-2, scale=np.eye(80) / 1e-9
+        )
         named += bool(found.low * found.high > 0.0)
     assert named <= 20  # one in twenty is asked
 

@@ -53,3 +53,13 @@ def test_error_is_a_small_part_of_a_large_effect(session):
     problem, lines, found = session
     error = 0.1 * float(model_errors(problem, lines, (RUNOUT,), found.x)[0].by_name["offset_m"])
     assert 1e-4 < error / 1.2e-5 < 0.2
+
+
+def test_strength_in_multiples_of_the_error(session):
+    """With the angle held, so many tolerated errors as |scale s| undo the runout."""
+    problem, lines, found = session
+    (moved,) = model_errors(problem, lines, (RUNOUT,), found.x)
+    size = float(found.model.effects[0].offset_m)
+    assert moved.scale.shape == (1, 1)
+    assert 1.0 <= float(moved.scale[0, 0] * moved.by_name["offset_m"]) < 1.5
+    assert float(moved.scale[0, 0]) * size > 5.0
