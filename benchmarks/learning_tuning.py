@@ -12,14 +12,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
 import learning_peer
 import numpy as np
 
-from mjx_cutting import _files
+from mjx_cutting import _files, _platform
 from mjx_cutting.learning import presets
+from mjx_cutting.sim import throughput
 from mjx_cutting.sim.config import EnvConfig
 
 LAST = 30
@@ -47,7 +49,7 @@ def main() -> None:
     for index in range(given.trials):
         tried = {name: choices[rng.integers(len(choices))] for name, choices in SPACE.items()}
         settings = {**learning_peer.SETTINGS, **(tried if index else {})}
-        episodes, told, _ = learning_peer.train(
+        episodes, trained, _ = learning_peer.train(
             EnvConfig(),
             10_000_000,
             os.cpu_count() or 1,
@@ -63,14 +65,18 @@ def main() -> None:
                 "give a longer --each-s"
             )
         score = float(np.mean([each[2] for each in episodes[-LAST:]]))
-        row = {"return": score, "steps": told["steps"], **{name: settings[name] for name in SPACE}}
+        row = {"return": score, "steps": trained["steps"], **{name: settings[name] for name in SPACE}}
         print(json.dumps(row), flush=True)
         trials.append(row)
         trials.sort(key=lambda each: -each["return"])
         if given.json:
-            _files.write_atomic(
-                given.json, json.dumps({"trials": trials, "seed": given.seed}, indent=1) + "\n"
-            )
+            told = {
+                "command": ["python", "benchmarks/learning_tuning.py", *sys.argv[1:]],
+                "versions": _platform.versions(),
+                "machine": throughput.machine(),
+                "trials": trials,
+            }
+            _files.write_atomic(given.json, json.dumps(told, indent=1) + "\n")
     print(f"best: {json.dumps(trials[0])}")
 
 
