@@ -9,8 +9,9 @@ One trains after the other. A curve is the mean return of the last 50 episodes t
 the wall-clock time since the start, compilation and the start of processes included.
 
 Both are asked for the same reward: from where they began (the mean of both) 95 % of the way to the lower of
-the two final rewards. The throughput, in policy steps a second, is told apart. At the end both policies act
-without noise on the peer's environment, the same episodes, so that it shows whether they learned the same.
+the two final rewards; a ladder of rewards up to the better final one says when each got how far. The
+throughput, in policy steps a second, is told apart. At the end both policies act without noise on the peer's
+environment, the same episodes, so that it shows whether they learned the same.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from mjx_cutting.sim.config import EnvConfig
 
 WINDOW = 50
 SHARE = 0.95
+LADDER = (0.2, 0.4, 0.6, 0.8, SHARE)
 
 
 def main() -> int:
@@ -108,6 +110,7 @@ def measure(given: argparse.Namespace, task: EnvConfig, peer: Any) -> dict[str, 
             "curve": {key: _thinned(values) for key, values in curve.items()},
         }
     mine, other = (result[name]["to_target"] for name in curves)
+    result["ladder"] = ladder(curves, began)
     both = mine is not None and other is not None
     result["wall_clock_ratio"] = other["wall_s"] / mine["wall_s"] if both else None
     result["steps_ratio"] = other["steps"] / mine["steps"] if both else None
@@ -172,6 +175,17 @@ def reached(curve: dict[str, list[float]], reward: float) -> dict[str, float] | 
     return {"wall_s": curve["wall_s"][there[0]], "steps": curve["steps"][there[0]]}
 
 
+def ladder(curves: dict[str, dict[str, list[float]]], began: float) -> list[dict[str, Any]]:
+    """Rewards from `began` up to the better of the final ones, and when each curve was there, by name; None
+    where it never was."""
+    best = max(curve["reward"][-1] for curve in curves.values())
+    rewards = [began + share * (best - began) for share in LADDER]
+    return [
+        {"reward": reward, **{name: reached(curve, reward) for name, curve in curves.items()}}
+        for reward in rewards
+    ]
+
+
 def table(result: dict[str, Any]) -> str:
     """The comparison as a markdown table."""
     lines = [
@@ -190,6 +204,13 @@ def table(result: dict[str, Any]) -> str:
     for name in ("wall_clock_ratio", "steps_ratio", "throughput_ratio"):
         value = result[name]
         lines.append(f"{name.replace('_', ' ')}: {'-' if value is None else f'{value:.1f}'}")
+    lines += ["| reward | ours, s | stable baselines3, s |", "|-|-|-|"]
+    for rung in result["ladder"]:
+        times = [
+            f"{there['wall_s']:.0f}" if (there := rung[name]) else f"not in {result[name]['wall_s']:.0f}"
+            for name in ("ours", "stable_baselines3")
+        ]
+        lines.append(f"| {rung['reward']:.3f} | {' | '.join(times)} |")
     return "\n".join(lines)
 
 

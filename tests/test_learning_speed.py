@@ -32,6 +32,17 @@ def test_curve_and_when_it_is_at_a_reward(speed):
         speed.smoothed(episodes[:1])
 
 
+def test_ladder_says_where_a_curve_never_was(speed):
+    quick = speed.smoothed([(i, 10 * i, float(i)) for i in range(1, 201)])
+    slow = speed.smoothed([(10.0 * i, i, 0.5 * i) for i in range(1, 201)])
+    rungs = speed.ladder({"quick": quick, "slow": slow}, 0.0)
+    assert [rung["reward"] for rung in rungs] == pytest.approx(
+        [0.2 * 175.5, 70.2, 105.3, 140.4, 0.95 * 175.5]
+    )
+    assert rungs[1]["quick"]["wall_s"] == 95 and rungs[1]["slow"]["wall_s"] == 1650.0
+    assert rungs[3]["slow"] is None
+
+
 def test_missing_peer_is_said(speed, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "learning_peer", None)
     monkeypatch.setattr(sys, "argv", ["learning_speed.py", "--quick"])
