@@ -38,8 +38,6 @@ def test_ladder_says_where_a_curve_never_was(speed):
     rungs = speed.ladder({"quick": quick, "slow": slow}, 0.0)
     asked = [0.2 * 175.5, 0.4 * 175.5, 0.6 * 175.5, 0.8 * 175.5, 0.95 * 175.5]
     assert [rung["reward"] for rung in rungs] == pytest.approx(asked)
-        [0.2 * 175.5, 70.2, 105.3, 140.4, 0.95 * 175.5]
-    )
     assert rungs[1]["quick"]["wall_s"] == 95 and rungs[1]["slow"]["wall_s"] == 1650.0
     assert rungs[3]["slow"] is None
 
