@@ -7,7 +7,18 @@ import time
 import numpy as np
 import pytest
 
-from experiments import adapt, expert, headlines, judging, launch, paper, paper_figures, surrogate, traced
+from experiments import (
+    adapt,
+    expert,
+    fine_tuning,
+    headlines,
+    judging,
+    launch,
+    paper,
+    paper_figures,
+    surrogate,
+    traced,
+)
 from experiments.invocations import Invocations
 from experiments.published import SHEETS, TABLE
 from mjx_cutting.learning import checkpoint
@@ -28,6 +39,14 @@ def test_expert_experiment_measures_before_and_after(tmp_path):
     policy = checkpoint.load_policy(out / "expert")
     assert policy.description.action_names[-1] == "depth"
     assert json.loads(policy.provenance)["steps"] == 512
+    tuned = tmp_path / "tuned"
+    arguments = ["--preset", "smoke", "--expert", str(out / "expert"), "--out", str(tuned), "--quiet"]
+    assert launch.launch(fine_tuning.run, fine_tuning.PRESETS, arguments) == 0
+    told = json.loads((tuned / "fine_tuning.json").read_text())
+    assert set(told["policies"]) == {"expert", "paper, seed 0"}
+    assert {table["all"]["episodes"] for table in told["policies"].values()} == {4}
+    assert told["policies"]["paper, seed 0"]["all"] != told["policies"]["expert"]["all"]
+    assert launch.launch(fine_tuning.run, fine_tuning.PRESETS, [*arguments, "--variants", "bold"]) == 2
 
 
 @pytest.mark.slow
