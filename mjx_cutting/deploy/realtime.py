@@ -1,8 +1,11 @@
-"""Asks Linux for what keeps a loop on time: SCHED_FIFO, locked memory, no garbage collection.
+"""Asks Linux for what keeps a loop on time: SCHED_FIFO, no idling, locked memory, no garbage collection.
 
 Ordinary scheduling leaves a tail of some 8 ms, because another process may use up its time slice first; FIFO
-scheduling takes it away. Both requests need rights (root, or `ulimit -r` and `ulimit -l`); where they are
-refused the loop runs all the same, and the answer says so.
+scheduling takes it away. A processor that sleeps between two deadlines wakes late, on a virtual machine by
+milliseconds, since the host has to give it back first; a latency of zero asked of the kernel's power
+management (as cyclictest does) keeps it awake while the process lives. All requests need rights (root, or
+`ulimit -r`, `ulimit -l`, and access to /dev/cpu_dma_latency); where they are refused the loop runs all the
+same, and the answer says so.
 """
 
 from __future__ import annotations
@@ -13,6 +16,8 @@ import os
 import resource
 
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
+_LATENCY = "/dev/cpu_dma_latency"
+_held: list[int] = []
 
 
 def request(priority: int | None) -> list[str]:
@@ -23,7 +28,7 @@ def request(priority: int | None) -> list[str]:
     Raises:
         ValueError: a priority outside 1 to 99.
     """
-    told = [] if priority is None else [_fifo(priority)]
+    told = [] if priority is None else [_fifo(priority), _awake()]
     told.append(_lock())
     gc.collect()
     gc.freeze()
@@ -47,6 +52,17 @@ def _fifo(priority: int) -> str:
     except OSError as error:
         return f"SCHED_FIFO {priority}: refused ({error.strerror}); expect a latency tail of milliseconds"
     return f"SCHED_FIFO {priority}: granted"
+
+
+def _awake() -> str:
+    """Keeps the processors from sleeping for as long as this process lives (the file must stay open)."""
+    try:
+        file = os.open(_LATENCY, os.O_WRONLY)
+        os.write(file, (0).to_bytes(4, "little"))
+    except OSError as error:
+        return f"idle states: not held off ({_LATENCY}: {error.strerror}); expect late wake-ups"
+    _held.append(file)
+    return "idle states: held off"
 
 
 def _lock() -> str:
