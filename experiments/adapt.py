@@ -43,6 +43,7 @@ class Config:
         model: model.json with traced effects; None: none.
         disturbance: the declared one.
         expert_ppo, re_train, fine_tune: settings of PPO.
+        refine: settings of PPO with which a traced effect is learnt (`experiments.traced`).
         imitation: settings of bc and dagger.
         env: settings of the simulation.
         seed: of everything random.
@@ -60,6 +61,7 @@ class Config:
     expert_ppo: PPOConfig = field(default_factory=lambda: presets.EXPERT["cpu"])
     re_train: PPOConfig = field(default_factory=lambda: presets.EXPERT["cpu"])
     fine_tune: PPOConfig = field(default_factory=lambda: presets.FINE_TUNE["cpu"])
+    refine: PPOConfig = field(default_factory=lambda: presets.REFINE["cpu"])
     imitation: ImitationConfig = field(default_factory=lambda: presets.IMITATION["cpu"])
     env: EnvConfig = field(default_factory=EnvConfig)
     seed: int = 0
@@ -75,6 +77,7 @@ def preset(name: str) -> Config:
         expert_ppo=presets.EXPERT[name],
         re_train=presets.EXPERT[name],
         fine_tune=presets.FINE_TUNE[name],
+        refine=presets.REFINE[name],
         imitation=presets.IMITATION[name],
     )
 

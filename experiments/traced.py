@@ -57,7 +57,9 @@ def adapt_traced(
 
     folders = {"gp_only": run("gp_only", "dagger", expert, traced / "gp_before.npz")}
     if told["named"]:
-        folders["effect_only"] = run("effect_only", "fine_tune", expert, None, model=model)
+        folders["effect_only"] = run(
+            "effect_only", "fine_tune", expert, None, model=model, fine_tune=config.refine
+        )
         start, rest = folders["effect_only"], traced / "gp_after.npz"
         folders["effect_and_gp"] = run("effect_and_gp", "dagger", start, rest, model=model)
     return folders, told

@@ -151,6 +151,7 @@ def cache_folder() -> Path:
 def enable_compile_cache(path: str | os.PathLike[str] | None = None) -> Path:
     """Returns the folder in which compiled programs are now kept between processes.
 
+    The smallest are kept too: tracing compiles hundreds of them.
     Loading a cached CPU program logs alarming lines about machine features and SIGILL, although the machine
     is the same; they are silenced, which works only before JAX is imported. Called by the command line and
     the experiments, never by the library.
@@ -159,13 +160,13 @@ def enable_compile_cache(path: str | os.PathLike[str] | None = None) -> Path:
         path: the folder; default $JAX_COMPILATION_CACHE_DIR, else `xla` in `cache_folder()`.
     """
     folder = Path(path or os.environ.get("JAX_COMPILATION_CACHE_DIR") or cache_folder() / "xla")
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
     if "jax" in sys.modules:
         import jax
 
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     else:
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     return folder

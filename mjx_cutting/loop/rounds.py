@@ -30,7 +30,8 @@ from mjx_cutting import runs
 from mjx_cutting._files import write_atomic
 from mjx_cutting.deploy.artefact import Artefact
 from mjx_cutting.deploy.virtual_cell import Cell, CellConfig, Hidden, load
-from mjx_cutting.learning.settings import PPOConfig, require
+from mjx_cutting.learning import presets
+from mjx_cutting.learning.settings import require
 from mjx_cutting.loop.cell_cut import cell_config, reward
 from mjx_cutting.sim.config import EnvConfig
 
@@ -38,15 +39,6 @@ STRATEGIES = ("direct", "gp_only", "effect_only", "effect_and_gp")
 CANDIDATES = ("radial_runout", "unequal_pitch", "size_effect")
 BAND_HZ = (0.0, 120.0)
 MOST_TRIALS = 20
-REFINE = PPOConfig(
-    steps=100_000,
-    envs=32,
-    minibatches=4,
-    learning_rate=3e-4,
-    learning_rate_final=1e-4,
-    noise_scale=0.5,
-)
-"""PPO on the sheet at hand; the paper's 50 episodes at a learning rate of 1e-3 made experts worse here."""
 SMOKE = EnvConfig(approach_m=0.005, cut_m=0.03, max_episode_s=8.0)
 
 
@@ -240,7 +232,7 @@ class _Work:
                 expert=self.expert,
                 strategy="fine_tune",
                 model=model,
-                ppo=None if self.config.preset == "smoke" else REFINE,
+                ppo=presets.REFINE[self.config.preset],
                 out=place / "effect_only",
                 **shared,
             )

@@ -113,6 +113,7 @@ def test_what_is_not_permitted_is_said() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    fifo, memory, count = done.stdout.splitlines()
+    fifo, idle, memory, count = done.stdout.splitlines()
     assert "SCHED_FIFO 50: not permitted" in fifo and "CAP_SYS_NICE" in fifo
+    assert "idle states: not held off (/dev/cpu_dma_latency" in idle
     assert "memory: not locked" in memory and count == "1"
