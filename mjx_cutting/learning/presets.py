@@ -37,7 +37,7 @@ FINE_TUNE = {
     "full": PPOConfig(steps=25_600, envs=10, minibatches=10, noise_scale=0.3),
 }
 
-# What the loop fine-tunes with: five times the steps in small ones, since the paper's settings make an expert
+# What the loop fine-tunes with: four times the steps, smaller ones, since the paper's settings make an expert
 # worse even where there is nothing to learn (experiments/fine_tuning.py).
 _REFINE = PPOConfig(
     steps=100_000, envs=32, minibatches=4, learning_rate=3e-4, learning_rate_final=1e-4, noise_scale=0.5
