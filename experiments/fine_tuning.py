@@ -4,7 +4,7 @@
 
 There is no disturbance, so a method that does what it should leaves the expert as good as it was. Each
 variant changes one setting of the paper's (50 episodes, a learning rate of 1e-3, batches of 64): the learning
-rate, the passes over each batch, the spread of the actions. Writes fine_tuning.json: reward and measures by
+rate, the passes over each batch, the spread of the actions; "refine" is what the loop uses. Writes fine_tuning.json: reward and measures by
 sheet over the same episodes, acting without noise, for the expert and each variant.
 """
 
@@ -29,6 +29,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "learning rate 1e-4": {"learning_rate": 1e-4},
     "one pass": {"epochs": 1},
     "whole spread": {"noise_scale": 1.0, "noise_scale_final": 1.0},
+    "refine": vars(presets.REFINE["cpu"]),
+    "refine at 3e-4": {**vars(presets.REFINE["cpu"]), "learning_rate": 3e-4, "learning_rate_final": 1e-4},
 }
 """Settings that differ from the preset's, by name."""
 
