@@ -4,8 +4,9 @@
 
 There is no disturbance, so a method that does what it should leaves the expert as good as it was. Each
 variant changes one setting of the paper's (50 episodes, a learning rate of 1e-3, batches of 64): the learning
-rate, the passes over each batch, the spread of the actions; "refine" is what the loop uses. Writes fine_tuning.json: reward and measures by
-sheet over the same episodes, acting without noise, for the expert and each variant.
+rate, the passes over each batch, the spread of the actions; "refine" is what the loop uses. Writes
+fine_tuning.json: reward and measures by sheet over the same episodes, acting without noise, for the expert
+and each variant.
 """
 
 from __future__ import annotations
