@@ -147,7 +147,8 @@ def interval(
         away = abs(most - origin)
         proven = quantile * float(error[tooth]) < away and wide <= _MOST_WIDENED * away
     else:
-        proven = _proven((value - origin)[moved], (values - origin)[:, moved], scale[:, moved])
+        counted = moved if moved.any() else ~moved
+        proven = _proven((value - origin)[counted], (values - origin)[:, counted], scale[:, counted])
     ends = _ends(most, wide, kind.parameters[name], proven)
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
     return Interval(most, *ends, unit, *several)
@@ -170,8 +171,6 @@ def _proven(away: Array, by_fold: Array, scale: NDArray[np.floating]) -> bool:
 
     Of several values either one must stand out by more than the best of N does by chance, or all together.
     """
-    if not len(away):
-        return True
     tail, freedom = 0.5 * (1.0 - CONFIDENCE), max(len(by_fold) - 1, 1)
     seen, folds = scale @ away, by_fold @ scale.T
     size, limit = float(np.linalg.norm(seen)), float(stats.t.isf(tail, freedom))
