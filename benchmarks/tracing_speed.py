@@ -82,7 +82,7 @@ def make(given: argparse.Namespace, place: Path) -> None:
         cut = whole[index % len(whole)]
         phase = float(stream(given.seed, "phase", index).uniform(0.0, 6.28))
         cuts.append(replace(cut, duration_s=seconds, phase_rad=phase, clock_s=clock, length_before_m=length))
-        clock, length = clock + seconds + PAUSE_S, length + cut.path_m
+        clock, length = clock + seconds + PAUSE_S, length + cuts[-1].path_m
     bias = session.bias_n[[index % len(session.bias_n) for index in range(given.trials)]]
     session = replace(session, cuts=tuple(cuts), bias_n=bias)
     effects = {name: draw(name, session, "medium", stream(given.seed, name)) for name in hidden}
