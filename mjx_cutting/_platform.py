@@ -31,6 +31,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 CPU_COMPILER_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+CPU_OPTIONS_FOR_ONE_CALL = {**CPU_COMPILER_OPTIONS, "xla_backend_optimization_level": 0}
 
 _REPORTED = (
     "mjx-cutting", "jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "equinox", "optimistix",
@@ -53,9 +54,15 @@ class PlatformJit:
     the outermost one apply. So wrap the outermost function: `jit(vmap(f))`, not `vmap(jit(f))`.
     """
 
-    def __init__(self, function: Callable[..., Any], **jit_kwargs: Any):
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        cpu_options: dict[str, Any] = CPU_COMPILER_OPTIONS,
+        **jit_kwargs: Any,
+    ):
         functools.update_wrapper(self, function)
         self._function = function
+        self._cpu_options = cpu_options
         self._jit_kwargs = jit_kwargs
 
     @functools.cached_property
@@ -70,7 +77,7 @@ class PlatformJit:
 
         if jax.default_backend() != "cpu":
             return self._nested
-        options = {**CPU_COMPILER_OPTIONS, **self._jit_kwargs.get("compiler_options", {})}
+        options = {**self._cpu_options, **self._jit_kwargs.get("compiler_options", {})}
         return jax.jit(self._function, **{**self._jit_kwargs, "compiler_options": options})
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -81,7 +88,7 @@ class PlatformJit:
 
     def __getattr__(self, name: str) -> Any:
         # lower, trace, eval_shape, clear_cache, ... of the jitted function
-        if name.startswith("__") or name in ("_function", "_jit_kwargs"):
+        if name.startswith("__") or name in ("_function", "_cpu_options", "_jit_kwargs"):
             raise AttributeError(name)
         return getattr(self._outermost, name)
 
@@ -96,6 +103,12 @@ def jit(function: Callable[..., Any] | None = None, **jit_kwargs: Any) -> Any:
     if function is None:
         return functools.partial(PlatformJit, **jit_kwargs)
     return PlatformJit(function, **jit_kwargs)
+
+
+def jit_for_one_call(function: Callable[..., Any]) -> Any:
+    """Returns `function` jitted, on a CPU backend without LLVM's optimisation: what runs once, as the making
+    of a first state, is compiled several times as fast and runs slower."""
+    return PlatformJit(function, CPU_OPTIONS_FOR_ONE_CALL)
 
 
 def _is_traced(arguments: Any) -> bool:

@@ -93,7 +93,9 @@ def train_policy(
 
     training = Training(
         title=strategy,
-        initialise=lambda: _platform.jit(shards.on_each(initialise))(keys if seeds > 1 else keys[0]),
+        initialise=lambda: _platform.jit_for_one_call(shards.on_each(initialise))(
+            keys if seeds > 1 else keys[0]
+        ),
         iterate=shards.on_all(iterate),
         iterations=config.iterations,
         steps_per_iteration=config.steps_per_iteration * seeds,

@@ -54,7 +54,8 @@ class CuttingEnv:
             )
         self.robot = robot.load()
         self._given_material = None if model is None else model.material
-        randomize.draw(jax.random.key(0), config, self._given_material)
+        # Traced only, for its complaint about materials that cannot be drawn.
+        jax.eval_shape(lambda key: randomize.draw(key, config, self._given_material), jax.random.key(0))
         self.model = forces.saw_model(config, model)
         self._start_q = robot.solve_pose(
             self.robot, np.asarray([*config.start_m, config.surface_height_m - config.depth_m[0]])
