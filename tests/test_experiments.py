@@ -9,6 +9,7 @@ import pytest
 
 from experiments import (
     adapt,
+    departures,
     expert,
     fine_tuning,
     headlines,
@@ -22,6 +23,10 @@ from experiments import (
 from experiments.invocations import Invocations
 from experiments.published import SHEETS, TABLE
 from mjx_cutting.learning import checkpoint
+from mjx_cutting.learning.environment import make_env
+from mjx_cutting.learning.expert import initial_policy
+from mjx_cutting.learning.settings import PPOConfig
+from mjx_cutting.sim.config import EnvConfig
 
 
 @pytest.mark.slow
@@ -47,6 +52,31 @@ def test_expert_experiment_measures_before_and_after(tmp_path):
     assert {table["all"]["episodes"] for table in told["policies"].values()} == {4}
     assert told["policies"]["paper, seed 0"]["all"] != told["policies"]["expert"]["all"]
     assert launch.launch(fine_tuning.run, fine_tuning.PRESETS, [*arguments, "--variants", "bold"]) == 2
+    apart = tmp_path / "apart"
+    arguments = ["--preset", "smoke", "--expert", str(out / "expert"), "--out", str(apart)]
+    assert launch.launch(departures.run, departures.PRESETS, arguments) == 0
+    told = json.loads((apart / "departures.json").read_text())
+    assert set(told["set_points"]) == set(departures.HELD)
+    assert told["set_points"]["1 mm deep"]["mrv_mm3"] != told["set_points"]["expert"]["mrv_mm3"]
+    assert set(told["disturbance"]["1"]) == {
+        "expert", "bc, seed 0", "dagger, seed 0", "bc, 2 episodes", "dagger, 2 episodes",
+    }  # fmt: skip
+    assert all(row["distance"] >= 0.0 for row in told["disturbance"]["1"].values())
+
+
+def test_a_held_set_point_is_asked_for_whatever_is_seen_and_the_others_stay_the_policys():
+    config = EnvConfig()
+    policy = initial_policy(make_env(config), PPOConfig(hidden=(8,), value_hidden=(8,)))
+    seen = np.random.default_rng(0).normal(size=(7, 15)).astype(np.float32)
+    held = departures.holding(policy, {"depth": 0.0005, "stiffness_z": 80.0}, config)
+    asked, own = np.asarray(held.policy.apply(seen)), np.asarray(policy.apply(seen))
+    np.testing.assert_allclose(asked[:, 4], -0.5, atol=1e-5)  # a quarter of 0 to 2 mm
+    np.testing.assert_allclose(
+        np.sqrt(50.0 * 3000.0) * (3000.0 / 50.0) ** (asked[:, 2] / 2.0), 80.0, rtol=1e-4
+    )
+    np.testing.assert_array_equal(asked[:, [0, 1, 3]], own[:, [0, 1, 3]])
+    with pytest.raises(ValueError, match="depth"):
+        departures.holding(policy, {"depth": 0.01}, config)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ Gauss-Newton steps follow, each at the best of several dampings.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
@@ -37,12 +38,11 @@ Matrix = NDArray[np.floating]
 class Rows:
     """What a model leaves, at many unknowns at once.
 
-    Fields: `left` [n, M + B] weighted residual, then the penalties outside the ranges; `mark` [n, M] the
-    lines as they enter it; `error_n2` [n, R, 3] squared error of each trial and axis, N^2.
+    Fields: `left` [n, M + B] weighted residual, then the penalties outside the ranges; `error_n2` [n, R, 3]
+    squared error of each trial and axis, N^2.
     """
 
     left: Matrix
-    mark: Matrix
     error_n2: Matrix
 
 
@@ -66,22 +66,35 @@ class Descent:
 
     def rows(self, x: Matrix) -> Rows:
         """Residuals at `x` [n, U]."""
+        problem, trials, parts = self.padded, self.problem.trials, []
+        for lines, bias, beyond in self._batches(x):
+            by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias)]
+            parts.append([*by_trial, np.asarray(beyond)])
+        weighted, error, outside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
+        return Rows(np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9), error)
+
+    def mark(self, x: Matrix) -> Matrix:
+        """[n, M] the lines at `x` [n, U] as they enter the residual, at the phases given."""
         problem, trials = self.padded, self.problem.trials
         phase = jnp.asarray(np.pad(np.broadcast_to(self.phase_rad, (trials,)), (0, problem.trials - trials)))
-        parts = []
+        parts = [np.asarray(_marks(problem, lines, phase))[:, :trials] for lines, _, _ in self._batches(x)]
+        return np.concatenate(parts)[: len(x)].reshape(len(x), -1)
+
+    def _batches(self, x: Matrix) -> Iterator[tuple[Array, Array, Array]]:
         for first in range(0, len(x), _ROWS):
             chosen = x[np.minimum(np.arange(first, first + _ROWS), len(x) - 1)]
-            lines, bias, outside = _lines(problem, jnp.asarray(chosen), self.effects)
-            by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias, phase)]
-            parts.append([*by_trial, np.asarray(outside)])
-        weighted, mark, error, outside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
-        left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
-        left = np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9)
-        return Rows(left, mark.reshape(len(x), -1), error)
+            yield _lines(self.padded, jnp.asarray(chosen), self.effects)
 
-    def slope(self, x: Matrix, left: Matrix) -> Matrix:
-        """[M + B, U] Jacobian at `x` [U], where the residual is `left` [M + B], by forward differences."""
-        return np.transpose(self.rows(x + _STEP * np.eye(len(x))).left - left) / _STEP
+    def around(self, x: Matrix, left: Matrix | None = None) -> tuple[Matrix, Matrix]:
+        """[M + B] residual at `x` [U], `left` where it is known, and its Jacobian [M + B, U] there, by
+        forward differences."""
+        beside = x + _STEP * np.eye(len(x))
+        if left is None:
+            left, *moved = self.rows(np.concatenate([x[None], beside])).left
+        else:
+            moved = list(self.rows(beside).left)
+        return left, np.transpose(np.asarray(moved) - left) / _STEP
 
     def promise(self, starts: Matrix, known: Matrix) -> Matrix:
         """[n] sum of squares that one damped step from each of `starts` [n, U] promises, by linear models.
@@ -104,14 +117,12 @@ class Descent:
 
     def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
         """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""
-        left = self.rows(x[None]).left[0]
-        squares = float(left @ left)
+        left, squares = None, np.inf
         for _ in range(steps):
-            bold, after = self._step(x, left)
-            if not after[2] < (1.0 - _SETTLED) * squares:
-                # the boldest step may have crossed a bound that its linear model did not see: come back
-                beyond = self._step(bold, self.rows(bold[None]).left[0])[1]
-                after = min(after, beyond, key=lambda each: each[2])
+            squares, bold, after = self._step(x, left)
+            if not after[2] < (1.0 - _SETTLED) * squares and bold is not None:
+                # the boldest step crossed a bound that its linear model did not see: come back
+                after = min(after, self._step(bold)[2], key=lambda each: each[2])
             if not after[2] < squares:
                 break
             gained = squares - after[2]
@@ -120,24 +131,27 @@ class Descent:
                 break
         return x, squares
 
-    def _step(self, x: Matrix, left: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix, float]]:
-        """The boldest damped step from `x`; where the best one leads, its residual, its sum of squares."""
-        slope = self.slope(x, left)
+    def _step(
+        self, x: Matrix, left: Matrix | None = None
+    ) -> tuple[float, Matrix | None, tuple[Matrix, Matrix, float]]:
+        """Sum of squares at `x`; the boldest damped step from there, where it leaves the ranges; where the
+        best one leads, its residual, its sum of squares. `left` [M + B]: the residual at `x`, where known."""
+        left, slope = self.around(x, left)
         normal, gradient = slope.T @ slope, slope.T @ left
         scale = _scale(normal)
         tries = np.stack([x - np.linalg.solve(normal + damping * scale, gradient) for damping in _DAMPING])
         reached = self.rows(tries).left
         each = np.sum(reached**2, axis=1)
         best = int(np.argmin(each))
-        return tries[0], (tries[best], reached[best], float(each[best]))
+        bold = tries[0] if np.any(reached[0, self.measured :]) else None
+        return float(left @ left), bold, (tries[best], reached[best], float(each[best]))
 
     def descend_folds(self, x: Matrix, use: Matrix, steps: int) -> Matrix:
         """[F, U] unknowns for every row of `use` [F, R], all from `x` [U], with the one Jacobian there.
 
         What a fold leaves out moves the optimum little, so the slope at the common start serves them all.
         """
-        start = self.rows(x[None]).left[0]
-        everywhere = self.slope(x, start)
+        start, everywhere = self.around(x)
         penalties = len(start) - self.measured
         mask = np.repeat(use, self.measured // self.problem.trials, axis=1)
         mask = np.concatenate([mask, np.ones((len(use), penalties))], axis=1)
@@ -189,10 +203,14 @@ def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, 
 
 
 @jax.jit
-def _compare(problem: Problem, lines: Array, bias_n: Array, phase_rad: Array) -> tuple[Array, Array, Array]:
-    def one(lines: Array, bias_n: Array) -> tuple[Array, Array, Array]:
+def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Array]:
+    def one(lines: Array, bias_n: Array) -> tuple[Array, Array]:
         found = residual_of_lines(problem, lines, bias_n)
-        error = jnp.sum(found.remaining_n**2, axis=1)
-        return found.weighted, marks(problem, lines, phase_rad), error
+        return found.weighted, jnp.sum(found.remaining_n**2, axis=1)
 
     return jax.vmap(one)(lines, bias_n)
+
+
+@jax.jit
+def _marks(problem: Problem, lines: Array, phase_rad: Array) -> Array:
+    return jax.vmap(partial(marks, problem, phase_rad=phase_rad))(lines)

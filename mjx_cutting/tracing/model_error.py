@@ -57,7 +57,7 @@ def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike)
     """
     here = np.asarray(x)
     descent = Descent(problem, effects)
-    slope = descent.slope(here, descent.rows(here[None]).left[0])[: descent.measured]
+    slope = descent.around(here)[1][: descent.measured]
     normal = slope.T @ slope
     beside = jnp.asarray(np.concatenate([here[None], here + _STEP * np.eye(len(here))]))
     values = jax.vmap(lambda each: model_at(problem, each, effects).effects)(beside)

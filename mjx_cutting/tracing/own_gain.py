@@ -45,9 +45,9 @@ def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tup
     """Sum of squares of the weighted residual, and the same with a factor on the force of each trial."""
     phase = np.asarray(residual(problem, jnp.asarray(x), effects).phase_rad)
     descent = Descent(problem, effects, phase)
-    rows = descent.rows(x[None])
     shape = problem.whitened.shape
-    left, mark = rows.left[0, : descent.measured].reshape(shape), rows.mark[0].reshape(shape)
+    left = descent.rows(x[None]).left[0, : descent.measured].reshape(shape)
+    mark = descent.mark(x[None]).reshape(shape)
     if np.any(np.asarray(problem.bias_spread_n) > 0.0):
         # a bias of each trial's own has taken the mean out of what is left
         constant = np.asarray(problem.factor)[:, 0]

@@ -190,7 +190,8 @@ def padded(problem: Problem) -> Problem:
         record = problem.cut, problem.path_m, problem.whitened, problem.factor, problem.present, problem.gain
         return record if problem.motion is None else (*record, problem.motion, problem.trust)
 
-    return eqx.tree_at(by_trial, problem, jax.tree.map(lambda leaf: leaf[index], by_trial(problem)))
+    more = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[index]), by_trial(problem))
+    return eqx.tree_at(by_trial, problem, more)
 
 
 def rescaled(problem: Problem, factor: float) -> Problem:

@@ -62,8 +62,7 @@ def screen(
     """Each of `kinds` beside the model with `effects` at its fitted unknowns `x`, the most telling first."""
     here = np.asarray(x)
     so_far = Descent(problem, effects, np.asarray(residual(problem, x, effects).phase_rad))
-    left = so_far.rows(here[None]).left[0]
-    slope = so_far.slope(here, left)
+    left, slope = so_far.around(here)
     found = []
     for kind in kinds:
         progress(f"screening {kind.name}")
@@ -83,9 +82,12 @@ def _screen(
     best, reached = both.descend(tries[0][0], _STEPS)
     share = max(0.0, 1.0 - reached / max(squares, 1e-300))
     shown = best if share > _EXPLAINS else starts[0]
-    with_it, without = both.rows(shown[None]), so_far.rows(shown[None, : len(x)])
-    effect = with_it.left[0, : so_far.measured] - without.left[0, : so_far.measured]
+    beside, measured = shown[None, : len(x)], so_far.measured
+    effect = both.rows(shown[None]).left[0, :measured] - so_far.rows(beside).left[0, :measured]
     surviving = effect - span @ (span.T @ effect)
-    size, whole = float(np.linalg.norm(surviving)), float(np.linalg.norm(with_it.mark - without.mark))
+    size, whole = (
+        float(np.linalg.norm(surviving)),
+        float(np.linalg.norm(both.mark(shown[None]) - so_far.mark(beside))),
+    )
     direction = surviving / max(size, 1e-300)
     return Screened(kind, best, share, min(1.0, size / max(whole, 1e-300)), size, direction)

@@ -28,19 +28,36 @@ class Sums:
 
 
 def sums(columns: Callable[[Course, Array], Array], courses: Sequence[Course], shapes: Array) -> Sums:
-    """Sufficient statistics of `columns`, [T, 3, k] at one shape, over shapes [P, d]."""
+    """Sufficient statistics over shapes [P, d] of `columns`, [T, 3, k] at one shape, less what each trial can
+    imitate (`Course.same`)."""
     squares, products = [], []
     for course in courses:
-        each = [_of_one(course, course.own(columns(course, shape))) for shape in shapes]
+        known = np.concatenate(
+            [course.same.reshape(-1, 3, course.same.shape[-1]), course.left_n[..., None]], axis=-1
+        )
+        known = np.ascontiguousarray(np.moveaxis(known, 1, 0))
+        own = np.swapaxes(known[..., :-1], 1, 2) @ known
+        each = [_of_one(columns(course, shape), known, own, course.apart) for shape in shapes]
         squares.append(np.stack([square for square, _ in each]))
         products.append(np.stack([product for _, product in each]))
     return Sums(np.stack(squares), np.stack(products))
 
 
-def _of_one(course: Course, columns: Array) -> tuple[Array, Array]:
-    by_axis = np.ascontiguousarray(np.moveaxis(columns, 1, 0))
-    turned = np.swapaxes(by_axis, 1, 2)
-    return turned @ by_axis, (turned @ course.left_n.T[..., None])[..., 0]
+def _of_one(columns: Array, known: Array, own: Array, apart: bool) -> tuple[Array, Array]:
+    """X^T X [3, k, k] and X^T e [3, k] by axis of the columns X = C - Q (Q^T C), from products alone.
+
+    Arguments: C [T, 3, k]; Q and e side by side, [3, T, q + 1]; Q^T of those, [3, q, q + 1]; whether C itself
+        is taken for X.
+    """
+    turned = np.ascontiguousarray(np.transpose(columns, (1, 2, 0)))
+    square, cross = turned @ np.swapaxes(turned, 1, 2), turned @ known
+    if apart:
+        return square, cross[..., -1]
+    beside = cross[..., :-1]  # C^T Q by axis
+    share = beside.sum(axis=0).T  # Q^T C
+    mixed = beside @ share
+    square = square - mixed - np.swapaxes(mixed, 1, 2) + share.T @ own[..., :-1] @ share
+    return square, cross[..., -1] - own[..., -1] @ share
 
 
 def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:
@@ -85,11 +102,9 @@ def solve_in_phase(found: Sums, use: Array, weight: Array) -> tuple[int, Array]:
 
 def phases(found: Sums, shape: int, c: Array, weight: Array) -> Array:
     """[R, k, k] rotation of the coefficients `c` to each trial's own phase, the best of a fine grid."""
-    angle = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
-    eye = np.eye(len(c) // 2)
-    turns = np.stack(
-        [np.block([[np.cos(a) * eye, -np.sin(a) * eye], [np.sin(a) * eye, np.cos(a) * eye]]) for a in angle]
-    )
+    angle = 2.0 * np.pi * np.arange(_PHASES)[:, None, None] / _PHASES
+    half = np.eye(len(c) // 2)
+    turns = np.cos(angle) * np.eye(len(c)) + np.sin(angle) * np.kron([[0.0, -1.0], [1.0, 0.0]], half)
     turned = turns @ c
     product = np.einsum("rak,a->rk", found.product[:, shape], weight**2)
     square = np.einsum("rakl,a->rkl", found.square[:, shape], weight**2)

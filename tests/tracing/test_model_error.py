@@ -42,7 +42,7 @@ def test_no_smaller_change_of_the_model_moves_a_parameter_as_far(session):
     longer = np.concatenate([x[:-2], x[-2:] * (1.0 + error / float(found.model.effects[0].offset_m))])
     descent = Descent(problem, (RUNOUT,))
     here, moved = descent.rows(np.stack([x, longer])).left
-    slope, change = descent.slope(x, here)[: descent.measured], (moved - here)[: descent.measured]
+    slope, change = descent.around(x)[1][: descent.measured], (moved - here)[: descent.measured]
     turned = slope[:, -2:] @ np.array([-x[-1], x[-2]])
     others = np.column_stack([slope[:, :-2], turned])
     left = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
