@@ -2,9 +2,9 @@
 
     python -m experiments.departures --preset cpu --expert runs/paper-cpu/expert
 
-* **Set-points.** The expert acts while some of its set-points are held at what the paper implies of its own
-  expert (its soft gains: paper.md section 5 infers them from the published load and deviation), at the
-  baseline's, or at the bounds: what would it cost ours to cut as theirs did?
+* **Set-points.** What our expert asks for in the mean while it cuts is asked for all the way; then some of it
+  is replaced by what the paper's table implies of its own expert (soft gains, from load and deviation), or by
+  the baseline's: what would it cost ours to cut as theirs did?
 * **Disturbance.** Nobody has published how strong theirs was. The declared one is made stronger, the expert
   adapted to it anew by BC and DAgger, and all three are held against the clean expert: is the disturbance
   what decides whether the expert acts erratically, and who tracks it closest?
@@ -41,7 +41,7 @@ from mjx_cutting.sim.config import EnvConfig
 PAPERS_GAINS = {"stiffness_x": 360.0, "stiffness_y": 360.0, "stiffness_z": 80.0}
 """Middle of what the paper's table implies of its expert, s^-2 (286 to 459 and 61 to 98)."""
 HELD: dict[str, dict[str, float]] = {
-    "expert": {},
+    "expert's means": {},
     "the paper's gains": PAPERS_GAINS,
     "the paper's normal gain": {"stiffness_z": 80.0},
     "highest normal gain": {"stiffness_z": 3000.0},
@@ -49,7 +49,7 @@ HELD: dict[str, dict[str, float]] = {
     "1 mm deep with the paper's gains": {"depth": 0.001, **PAPERS_GAINS},
     "nominal feed": {"feed_adjustment": 0.0},
 }
-"""Set-points that are held, by name of the case."""
+"""Set-points that differ from what the expert asks for in the mean while it cuts, by name of the case."""
 
 
 @dataclass(frozen=True)
@@ -107,35 +107,44 @@ def run(config: Config) -> Path:
     return out
 
 
-def holding(policy: Policy, set_points: Mapping[str, float], env: EnvConfig) -> controllers.Controller:
-    """Return the controller that acts as a policy does, but asks for some set-points always.
+def set_points(config: Config, expert: Policy) -> dict[str, Any]:
+    """Return the measures in the source, the mean over all sheets, of the expert, and of set-points that stay
+    the same all the way: what it asks for in the mean while it cuts, and each case of `HELD`."""
+    given = config.adaptation
+    env = make_env(given.env)
+    seed = given.seed + 1000
+    own = rollouts.roll_out(env, {"expert": controllers.direct(expert)}, given.rollouts, seed)["expert"]
+    means = cutting_means(own, expert)
+    acting = {name: held(expert, {**means, **changed}, given.env) for name, changed in HELD.items()}
+    rolled = {"expert": own, **rollouts.roll_out(env, acting, given.rollouts, seed)}
+    return {
+        name: {**_measured(each, given.env.materials), "set_points": {**means, **HELD.get(name, {})}}
+        for name, each in rolled.items()
+    }
 
-    Arguments:
-        policy: of the cutting environment.
-        set_points: physical values by name of the action (`sim.action.NAMES`).
-        env: settings with the limits of the actions.
+
+def cutting_means(rolled: rollouts.Rollouts, policy: Policy) -> dict[str, float]:
+    """Return the means over time and episodes, from the first contact on, of the set-points that a policy
+    asked for, by name of the action; geometric means where its range is logarithmic."""
+    limits = policy.description
+    touched = np.maximum.accumulate(rolled.metrics["contact_s"] > 0, axis=0) & rolled.active
+    action_ = np.clip(rolled.action[touched], -1.0, 1.0).mean(axis=0)
+    low, high = np.asarray(limits.action_low), np.asarray(limits.action_high)
+    share = 0.5 * (action_ + 1.0)
+    linear = low + share * (high - low)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithmic = low * (high / low) ** share
+    values = np.where(np.asarray(limits.action_log), logarithmic, linear)
+    return dict(zip(limits.action_names, map(float, values), strict=True))
+
+
+def held(like: Policy, set_points: Mapping[str, float], env: EnvConfig) -> controllers.Controller:
+    """Return the controller that asks for the same set-points [by name of the action] all the way.
 
     Raises: ValueError for a value outside its range.
     """
     bounds = action.limits(env)
-    asked = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
-    for name, value in set_points.items():
-        asked[bounds.names.index(name)] = value
-    wish = np.clip(action.to_action(asked, bounds), -1 + 1e-6, 1 - 1e-6)
-    *rest, (weight, bias) = policy.layers
-    weight, bias = np.array(weight), np.array(bias)
-    for name in set_points:
-        i = bounds.names.index(name)
-        weight[:, i], bias[i] = 0.0, np.arctanh(wish[i])
-    return controllers.direct(dataclasses.replace(policy, layers=(*rest, (weight, bias))))
-
-
-def set_points(config: Config, expert: Policy) -> dict[str, Any]:
-    """Return the measures in the source, the mean over all sheets, of the expert and each case of `HELD`."""
-    given = config.adaptation
-    acting = {name: holding(expert, held, given.env) for name, held in HELD.items()}
-    rolled = rollouts.roll_out(make_env(given.env), acting, given.rollouts, seed=given.seed + 1000)
-    return {name: _measured(each, given.env.materials) for name, each in rolled.items()}
+    return controllers.constant(action.to_action([set_points[name] for name in bounds.names], bounds), like)
 
 
 def under(config: Config, expert: Policy, strength: float, out: Path) -> dict[str, Any]:

@@ -116,8 +116,14 @@ class Kind:
         return effect_class(self.name)
 
 
-def _always(courses: Sequence[Course]) -> bool:
-    return True
+def feeds_differ(feeds_m_s: Sequence[float]) -> bool:
+    """Whether a place on the path is reached after different times, so that the two can be told apart."""
+    return max(feeds_m_s) > _FEEDS_APART * min(feeds_m_s)
+
+
+def _at_several_feeds(courses: Sequence[Course]) -> bool:
+    spans = [(float(np.ptp(each.position_m)), float(np.ptp(each.time_s))) for each in courses]
+    return feeds_differ([way / max(time, 1e-9) for way, time in spans])
 
 
 def _wavelengths(courses: Sequence[Course]) -> Array:
@@ -238,11 +244,21 @@ _MOST_SHAPES = 2000
 _FEWEST_WAVES = 4.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.03
+_FEEDS_APART = 1.1
+BY_PLACE = ("material_periodicity", "layered_material")
+"""Slow effects of the sheet, bound to places on it."""
 KINDS: tuple[Kind, ...] = (
-    Kind("material_periodicity", _always, _wavelengths, _periodic, _periodic_effect, refine=_waves_near),
+    Kind(
+        "material_periodicity",
+        _at_several_feeds,
+        _wavelengths,
+        _periodic,
+        _periodic_effect,
+        refine=_waves_near,
+    ),
     Kind(
         "layered_material",
-        _always,
+        _at_several_feeds,
         _layers,
         _layer,
         _layer_effect,

@@ -199,11 +199,12 @@ def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple
 
 
 def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
-    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t)."""
+    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t, the
+    trials being independent)."""
     gain, error = gain_over_trials(before, after)
     if not np.isfinite(error):
         return 1.0
-    freedom = max(int(after.fold.max()), 1)
+    freedom = len(after.energy_n2) - 1
     return min(tries * float(stats.t.sf(gain / max(error, 1e-300), freedom)), 1.0)
 
 

@@ -12,6 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting.tracing.course import along_path
+from mjx_cutting.tracing.part import part_of
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 LEVEL_KINDS = ("drill", "turning")
@@ -35,18 +37,8 @@ def _level(trial: Trial, kind: str) -> Trial:
     if kind == "drill":
         torque = np.zeros(len(force)) if trial.torque_nm is None else trial.torque_nm
         force = np.stack([np.zeros(len(force)), torque, force[:, 2]], axis=-1)
-    chosen = _steady(force) if trial.kind == "cut" else slice(None)
-    records = {
-        name: value[chosen]
-        for name in (
-            "position_m",
-            "spindle_angle_rad",
-            "spindle_speed_measured_rev_s",
-            "feed_speed_measured_m_s",
-        )
-        if (value := getattr(trial, name)) is not None
-    }
-    return replace(trial, time_s=trial.time_s[chosen], force_n=force[chosen], torque_nm=None, **records)
+    channels = replace(trial, force_n=force, torque_nm=None)
+    return part_of(channels, along_path(trial), _steady(force)) if trial.kind == "cut" else channels
 
 
 def _steady(force: NDArray[np.floating]) -> slice:
@@ -59,3 +51,19 @@ def _steady(force: NDArray[np.floating]) -> slice:
     first, last = int(inside[0]), int(inside[-1]) + 1
     trim = int(_TRIMMED * (last - first))
     return slice(first + trim, last - trim)
+
+
+def white_power(
+    record: NDArray[np.floating], rate_hz: float, band_hz: tuple[float, float]
+) -> NDArray[np.float64]:
+    """[A] mean square in a band of that part of a record [T, A] which is alike at all its frequencies.
+
+    By the median of the periodogram, which a few lines and what is slow do not move; windowed, so that these
+    stay where they are.
+    """
+    window = np.hanning(len(record))
+    power = np.abs(np.fft.rfft((record - record.mean(axis=0)) * window[:, None], axis=0)[1:]) ** 2
+    frequency = np.fft.rfftfreq(len(record), 1.0 / rate_hz)[1:]
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    alike = np.median(power[inside], axis=0) / np.log(2.0)  # of an exponential distribution
+    return np.asarray(2.0 * alike * inside.sum() / (len(record) * np.sum(window**2)))

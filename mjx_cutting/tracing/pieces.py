@@ -8,7 +8,6 @@ which is what is held out, and the angle of the spindle as read from the whole o
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,11 +18,12 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import PIECE, Lines
+from mjx_cutting.tracing.part import part_of
 from mjx_cutting.tracing.prediction import predictions
 from mjx_cutting.tracing.problem import shared_bias
 from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.spindle import spindle_angle
-from mjx_cutting.trials.dataset import Dataset, Trial
+from mjx_cutting.trials.dataset import Dataset
 
 _MOST = 6
 _SAMPLES_PER_LINE = 3
@@ -50,25 +50,6 @@ def in_pieces(dataset: Dataset, lines: Lines) -> Dataset | None:
             piece = part_of(turning, place, slice(int(part[0]), int(part[-1]) + 1))
             trials.append(replace(piece, file=f"{trial.file}{PIECE}{index}"))
     return replace(dataset, trials=tuple(trials))
-
-
-def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
-    """The trial over some of its samples only; `place` [T] is its way along the path, m."""
-    records: dict[str, Any] = {
-        name: None if getattr(trial, name) is None else getattr(trial, name)[part]
-        for name in (
-            "time_s", "force_n", "torque_nm", "position_m", "spindle_angle_rad",
-            "spindle_speed_measured_rev_s", "feed_speed_measured_m_s",
-        )
-    }  # fmt: skip
-    if trial.position_m is None:
-        records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
-    return replace(
-        trial,
-        cut_length_before_m=trial.cut_length_before_m + float(place[part.start] - place[0]),
-        clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
-        **records,
-    )
 
 
 def of_whole_trials(found: Search, first: Search, dataset: Dataset, lines: Lines) -> Search:

@@ -222,9 +222,10 @@ def shared_bias(problem: Problem, x: Array) -> Array:
 
 
 def _thrust_and_torque(model: ForceModel, cut: Cut) -> Array:
-    """[3] nothing, torque (N m) and thrust (N) of a drill, as `levels` orders them."""
-    thrust = model.sense(model.process_force(cut), cut)[2]
-    return jnp.stack([jnp.zeros_like(thrust), model.torque_z(cut), thrust])
+    """[3] nothing, torque (N m) and thrust (N) of a drill as sensed, in the order of `levels`."""
+    thrust = model.process_force(cut)[2]
+    channels = jnp.stack([jnp.zeros_like(thrust), model.torque_z(cut), thrust])
+    return model.sense(channels, cut).at[0].set(0.0)
 
 
 def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, Any]:

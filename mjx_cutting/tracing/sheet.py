@@ -22,7 +22,7 @@ from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_a
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.once import Pass
-from mjx_cutting.tracing.pieces import part_of
+from mjx_cutting.tracing.part import part_of
 from mjx_cutting.tracing.prediction import wave
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.spindle import spindle_angle

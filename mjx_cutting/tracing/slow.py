@@ -132,7 +132,11 @@ def search_slow(
         kinds: how each is looked for.
         tolerance: share of the force that the steady model's own calculation may be off.
     """
-    open_ = [kind for kind in kinds if (names is None or kind.name in names) and kind.testable(trials)]
+    open_ = [
+        kind
+        for kind in kinds
+        if (names is None or kind.name in names) and kind.testable(trials) and len(kind.grid(trials))
+    ]
     rounds: list[SlowRound] = []
     while open_ and len(rounds) < MOST_SLOW:
         free = _free_in_position(trials, before, weight)

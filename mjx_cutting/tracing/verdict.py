@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.candidate import Candidate, Round
-from mjx_cutting.tracing.course import KINDS
+from mjx_cutting.tracing.course import BY_PLACE, KINDS, feeds_differ
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.levels import LEVEL_KINDS
+from mjx_cutting.tracing.levels import LEVEL_KINDS, white_power
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.problem import Problem, shared_bias
 from mjx_cutting.tracing.search import Search
@@ -80,7 +80,8 @@ def final(found: Search, slow: Sequence[SlowRound]) -> HeldOut:
 
 
 def noise_floor(dataset: Dataset, lines: Lines) -> float:
-    """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines."""
+    """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines;
+    for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies."""
     rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
     force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
     air = [trial for trial in dataset.trials if trial.kind == "air"]
@@ -90,6 +91,9 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
     elif dataset.sensor.noise_std_n is not None:
         share = (band[1] - band[0]) / (0.5 * rate)
         noise = np.sqrt(np.mean(np.square(dataset.sensor.noise_std_n)) * share)
+    elif dataset.tool.kind in LEVEL_KINDS:
+        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
+        noise = np.sqrt(np.mean([np.mean(white_power(each, rate, band)) for each in cuts]))
     else:
         noise = np.sqrt(lines.rest_n2.sum() / (3.0 * lines.samples.sum()))
     return float(noise / max(force, 1e-12))
@@ -99,12 +103,15 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
     """Registered effects whose telling covariate is absent, or that tracing cannot look for."""
     missing = []
     slow = {kind.name for kind in KINDS}
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     for name in effect_names():
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
         if absent:
             missing.append({"name": name, "needs": ", ".join(absent)})
-        elif dataset.tool.kind in LEVEL_KINDS and not _shows_in_levels(effect_class(name)):
+        elif dataset.tool.kind in LEVEL_KINDS and not (name in slow or _shows_in_levels(effect_class(name))):
             missing.append({"name": name, "needs": "a cutter whose force changes over a turn"})
+        elif name in BY_PLACE and not feeds_differ([trial.feed_speed_m_s for trial in cuts]):
+            missing.append({"name": name, "needs": "cuts at different feeds, which tell a place from a time"})
         elif not effect_class(name).steady and name not in slow and name not in BESIDE_LINES:
             missing.append({"name": name, "needs": needs(name)})
     return missing

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.levels import as_levels
+from mjx_cutting.tracing.levels import as_levels, white_power
 from mjx_cutting.trials import resolve
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
@@ -71,6 +73,80 @@ def test_wear_of_drills_is_named_on_drills_held_out():
 def test_sharp_drills_are_left_alone():
     verdict = trace(_drills(0.0), effects=("flank_wear", "size_effect", "ploughing")).verdict
     assert verdict["effects"] == [] and verdict["verdict"] == "nothing missing"
+
+
+def _with(dataset: Dataset, change) -> Dataset:
+    """The dataset with `change(trial, position [T], inside [T])` in place of each trial."""
+    trials = []
+    for trial in dataset.trials:
+        inside = trial.force_n[:, 2] > 0.5 * np.median(trial.force_n[100:400, 2])
+        trials.append(change(trial, trial.feed_speed_m_s * trial.time_s, inside))
+    return replace(dataset, trials=tuple(trials))
+
+
+def _layered(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
+    gain = 1.0 - 0.3 * ((position > 1.2e-3) & (position < 1.8e-3))
+    return replace(trial, force_n=trial.force_n * gain[:, None], torque_nm=trial.torque_nm * gain)
+
+
+def _humming(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
+    """Mains, at a phase of each trial's own."""
+    phase = 2.0 * np.pi * 50.0 * (trial.time_s + 0.37 * trial.cut_length_before_m + len(trial.tool_id or ""))
+    hum = np.zeros((len(phase), 3))
+    hum[:, 2] = 20.0 * np.cos(phase)
+    return replace(trial, force_n=trial.force_n + hum)
+
+
+def test_a_layer_is_found_along_the_holes_and_not_where_all_have_one_feed():
+    drills = _with(_drills(0.0), _layered)
+    names = ("flank_wear", "layered_material", "material_periodicity", "mains_pickup")
+    verdict = trace(drills, effects=names).verdict
+    (layer,) = verdict["effects"]
+    assert layer["name"] == "layered_material"
+    assert layer["parameters"]["change"]["value"] == pytest.approx(-0.3, abs=0.02)
+    assert layer["parameters"]["start_m"]["value"] == pytest.approx(1.2e-3, abs=5e-5)
+    assert verdict["after"]["heldout_nrmse"] < 0.5 * verdict["before"]["heldout_nrmse"]
+    alike = [each for each in drills.trials if each.feed_speed_m_s == drills.trials[0].feed_speed_m_s]
+    verdict = trace(replace(drills, trials=tuple(alike)), effects=names).verdict
+    assert verdict["effects"] == [] and verdict["verdict"] == "unexplained"
+    needs = {each["name"]: each["needs"] for each in verdict["not_testable"]}
+    assert "different feeds" in needs["layered_material"]
+
+
+def test_a_hum_of_the_mains_is_found_in_the_thrust():
+    verdict = trace(_with(_drills(0.0), _humming), effects=("flank_wear", "mains_pickup")).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["mains_pickup"]
+    assert verdict["effects"][0]["parameters"]["amplitude_n"]["value"] == pytest.approx(20.0, rel=0.05)
+    assert verdict["verdict"] == "explained"
+
+
+def test_drift_of_all_channels_is_named_where_the_session_was_zeroed_once():
+    def drifting(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
+        clock = trial.clock_start_s + trial.time_s
+        drift = 1.0 - np.exp(-clock / 600.0)
+        torque = trial.torque_nm - 0.2 * drift
+        return replace(trial, force_n=trial.force_n + 60.0 * drift[:, None] * [0, 0, 1], torque_nm=torque)
+
+    sharp = _drills(0.0)
+    places = np.random.default_rng(1).permutation(len(sharp.trials))
+    clocked = [
+        replace(each, clock_start_s=90.0 * place) for each, place in zip(sharp.trials, places, strict=True)
+    ]
+    session = replace(sharp, trials=tuple(clocked), sensor=replace(sharp.sensor, zeroed="session"))
+    verdict = trace(_with(session, drifting), effects=("flank_wear", "thermal_drift", "size_effect")).verdict
+    (drift,) = verdict["effects"]
+    assert drift["name"] == "thermal_drift"
+    _, torque_nm, thrust_n = drift["parameters"]["drift_n"]["values"]
+    assert thrust_n == pytest.approx(60.0, rel=0.05) and torque_nm == pytest.approx(-0.2, rel=0.05)
+
+
+def test_the_noise_is_what_is_alike_at_all_frequencies():
+    time = np.arange(2000) / RATE_HZ
+    noise = np.random.default_rng(3).normal(0.0, [1.0, 2.0], (2000, 2))
+    seen = noise + 30.0 * np.sin(2.0 * np.pi * 31.0 * time)[:, None] + 50.0 * np.tanh(time - 4.0)[:, None]
+    for high, share in ((125.0, 1.0), (60.0, 0.48)):
+        power = white_power(seen, RATE_HZ, (0.0, high))
+        np.testing.assert_allclose(power, share * np.array([1.0, 4.0]), rtol=0.15)
 
 
 @pytest.mark.slow

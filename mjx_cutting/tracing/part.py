@@ -1,0 +1,30 @@
+"""A part of a trial as a trial of its own: where on the path, how far cut and when, as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.trials.dataset import Trial
+
+
+def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
+    """The trial over some of its samples only; `place` [T] is its way along the path, m."""
+    records: dict[str, Any] = {
+        name: None if getattr(trial, name) is None else getattr(trial, name)[part]
+        for name in (
+            "time_s", "force_n", "torque_nm", "position_m", "spindle_angle_rad",
+            "spindle_speed_measured_rev_s", "feed_speed_measured_m_s",
+        )
+    }  # fmt: skip
+    if trial.position_m is None:
+        records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
+    return replace(
+        trial,
+        cut_length_before_m=trial.cut_length_before_m + float(place[part.start] - place[0]),
+        clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
+        **records,
+    )
