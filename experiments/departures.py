@@ -89,7 +89,7 @@ def run(config: Config) -> Path:
     """Hold set-points, strengthen the disturbance, repeat the imitation; measure."""
     out = runs.open_run(config.out, "departures", config, config.adaptation.seed)
     expert = load_policy(config.expert)
-    told = {
+    told: dict[str, Any] = {
         "command": ["python", "-m", "experiments.departures", *sys.argv[1:]],
         "versions": _platform.versions(),
         "set_points": set_points(config, expert),

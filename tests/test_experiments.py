@@ -22,6 +22,7 @@ from experiments import (
 )
 from experiments.invocations import Invocations
 from experiments.published import SHEETS, TABLE
+from mjx_cutting.evaluation import rollouts
 from mjx_cutting.learning import checkpoint
 from mjx_cutting.learning.environment import make_env
 from mjx_cutting.learning.expert import initial_policy
@@ -56,27 +57,36 @@ def test_expert_experiment_measures_before_and_after(tmp_path):
     arguments = ["--preset", "smoke", "--expert", str(out / "expert"), "--out", str(apart)]
     assert launch.launch(departures.run, departures.PRESETS, arguments) == 0
     told = json.loads((apart / "departures.json").read_text())
-    assert set(told["set_points"]) == set(departures.HELD)
-    assert told["set_points"]["1 mm deep"]["mrv_mm3"] != told["set_points"]["expert"]["mrv_mm3"]
+    assert set(told["set_points"]) == {"expert", *departures.HELD}
+    means, deep = (told["set_points"][name] for name in ("expert's means", "1 mm deep"))
+    assert deep["set_points"] == {**means["set_points"], "depth": 0.001} and deep["reward"] != means["reward"]
     assert set(told["disturbance"]["1"]) == {
         "expert", "bc, seed 0", "dagger, seed 0", "bc, 2 episodes", "dagger, 2 episodes",
     }  # fmt: skip
     assert all(row["distance"] >= 0.0 for row in told["disturbance"]["1"].values())
 
 
-def test_a_held_set_point_is_asked_for_whatever_is_seen_and_the_others_stay_the_policys():
+def test_set_points_held_all_the_way_are_asked_for_whatever_is_seen():
     config = EnvConfig()
     policy = initial_policy(make_env(config), PPOConfig(hidden=(8,), value_hidden=(8,)))
     seen = np.random.default_rng(0).normal(size=(7, 15)).astype(np.float32)
-    held = departures.holding(policy, {"depth": 0.0005, "stiffness_z": 80.0}, config)
-    asked, own = np.asarray(held.policy.apply(seen)), np.asarray(policy.apply(seen))
-    np.testing.assert_allclose(asked[:, 4], -0.5, atol=1e-5)  # a quarter of 0 to 2 mm
-    np.testing.assert_allclose(
-        np.sqrt(50.0 * 3000.0) * (3000.0 / 50.0) ** (asked[:, 2] / 2.0), 80.0, rtol=1e-4
-    )
-    np.testing.assert_array_equal(asked[:, [0, 1, 3]], own[:, [0, 1, 3]])
+    asked = {
+        "stiffness_x": 360.0, "stiffness_y": 700.0, "stiffness_z": 80.0,
+        "feed_adjustment": 0.1, "depth": 0.0005,
+    }  # fmt: skip
+    acted = np.asarray(departures.held(policy, asked, config).policy.apply(seen))
+    share = 0.5 * (acted + 1.0)
+    np.testing.assert_allclose(50.0 * 60.0 ** share[:, :3], [[360.0, 700.0, 80.0]] * 7, rtol=1e-4)
+    np.testing.assert_allclose(acted[:, 3:], [[0.0, -0.5]] * 7, atol=1e-5)
+    active = np.array([[True], [True], [True], [False]])
+    rolled = rollouts.Rollouts(
+        active=active, observation=np.zeros((4, 1, 15)), clean=None, action=acted[:4, None],
+        reward=np.zeros((4, 1)), metrics={"contact_s": np.array([[0.0], [0.02], [0.0], [0.02]])},
+        material=np.zeros(1, int), period_s=0.02,
+    )  # fmt: skip
+    assert departures.cutting_means(rolled, policy) == pytest.approx(asked, rel=1e-3)
     with pytest.raises(ValueError, match="depth"):
-        departures.holding(policy, {"depth": 0.01}, config)
+        departures.held(policy, {**asked, "depth": 0.01}, config)
 
 
 @pytest.mark.slow
