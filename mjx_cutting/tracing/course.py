@@ -127,7 +127,7 @@ def _at_several_feeds(courses: Sequence[Course]) -> bool:
 
 
 def _wavelengths(courses: Sequence[Course]) -> Array:
-    """[P, 2] wavelengths from a quarter of the path down to 1 mm, as many as the positions tell apart; the
+    """[P, 2] wavelengths from half of the path down to 1 mm, as many as the positions tell apart; the
     edge's share is nil at first."""
     path = max(float(np.ptp(each.position_m)) for each in courses)
     span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
@@ -241,7 +241,7 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
 
 
 _MOST_SHAPES = 2000
-_FEWEST_WAVES = 4.0
+_FEWEST_WAVES = 2.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.03
 _FEEDS_APART = 1.1
