@@ -124,7 +124,7 @@ def test_gradient_of_the_loss_by_hand():
 def test_linear_expert_is_recovered(point_env, schedule):
     # Without a disturbance F = 5 x, so only the sum of the columns of x and F (both normalised) is
     # determined.
-    config = ImitationConfig(rounds=10, envs=64, epochs=12, learning_rate=3e-3)
+    config = ImitationConfig(rounds=10, envs=64, epochs=40, learning_rate=1e-3, batch=256)
     _, learner, history = imitate(point_env(), schedule, config, start=BLANK)
     weights, bias = learner.layers[0]
     np.testing.assert_allclose(weights[:2, :2] + weights[2:, :2], -1.34 * np.eye(2), atol=1e-3)
