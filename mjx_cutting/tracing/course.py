@@ -118,7 +118,7 @@ class Kind:
 
 def feeds_differ(feeds_m_s: Sequence[float]) -> bool:
     """Whether a place on the path is reached after different times, so that the two can be told apart."""
-    return max(feeds_m_s) > _FEEDS_APART * min(feeds_m_s)
+    return max(feeds_m_s, default=0.0) > _FEEDS_APART * min(feeds_m_s, default=0.0)
 
 
 def _at_several_feeds(courses: Sequence[Course]) -> bool:

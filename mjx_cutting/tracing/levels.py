@@ -65,5 +65,7 @@ def white_power(
     power = np.abs(np.fft.rfft((record - record.mean(axis=0)) * window[:, None], axis=0)[1:]) ** 2
     frequency = np.fft.rfftfreq(len(record), 1.0 / rate_hz)[1:]
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    if not inside.any():
+        return np.zeros(record.shape[1])
     alike = np.median(power[inside], axis=0) / np.log(2.0)  # of an exponential distribution
     return np.asarray(2.0 * alike * inside.sum() / (len(record) * np.sum(window**2)))

@@ -147,6 +147,14 @@ def test_the_noise_is_what_is_alike_at_all_frequencies():
     for high, share in ((125.0, 1.0), (60.0, 0.48)):
         power = white_power(seen, RATE_HZ, (0.0, high))
         np.testing.assert_allclose(power, share * np.array([1.0, 4.0]), rtol=0.2)
+    np.testing.assert_array_equal(white_power(seen, RATE_HZ, (10.01, 10.05)), 0.0)
+
+
+def test_records_without_a_cut_are_refused_in_words():
+    drills = _drills(0.0)
+    idle = tuple(replace(each, kind="air") for each in drills.trials)
+    with pytest.raises(ValueError, match="needs at least two"):
+        trace(replace(drills, trials=idle))
 
 
 @pytest.mark.slow
