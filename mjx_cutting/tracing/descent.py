@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -39,11 +38,12 @@ class Rows:
     """What a model leaves, at many unknowns at once.
 
     Fields: `left` [n, M + B] weighted residual, then the penalties outside the ranges; `error_n2` [n, R, 3]
-    squared error of each trial and axis, N^2.
+    squared error of each trial and axis, N^2; `phase_rad` [n, R] phase of each trial.
     """
 
     left: Matrix
     error_n2: Matrix
+    phase_rad: Matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,21 +67,29 @@ class Descent:
     def rows(self, x: Matrix) -> Rows:
         """Residuals at `x` [n, U]."""
         problem, trials, parts = self.padded, self.problem.trials, []
-        for lines, bias, beyond in self._batches(x):
+        for lines, bias, beyond, _ in self._batches(x):
             by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias)]
             parts.append([*by_trial, np.asarray(beyond)])
-        weighted, error, outside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        weighted, error, phase, outside = (
+            np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True)
+        )
         left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
-        return Rows(np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9), error)
+        return Rows(np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9), error, phase)
+
+    def models(self, x: Matrix) -> ForceModel:
+        """The force models at `x` [n, U], every value with a leading axis [n]."""
+        parts = [model for *_, model in self._batches(x)]
+        whole: ForceModel = jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(x)], *parts)
+        return whole
 
     def mark(self, x: Matrix) -> Matrix:
         """[n, M] the lines at `x` [n, U] as they enter the residual, at the phases given."""
         problem, trials = self.padded, self.problem.trials
         phase = jnp.asarray(np.pad(np.broadcast_to(self.phase_rad, (trials,)), (0, problem.trials - trials)))
-        parts = [np.asarray(_marks(problem, lines, phase))[:, :trials] for lines, _, _ in self._batches(x)]
+        parts = [np.asarray(_marks(problem, lines, phase))[:, :trials] for lines, *_ in self._batches(x)]
         return np.concatenate(parts)[: len(x)].reshape(len(x), -1)
 
-    def _batches(self, x: Matrix) -> Iterator[tuple[Array, Array, Array]]:
+    def _batches(self, x: Matrix) -> Iterator[tuple[Array, Array, Array, ForceModel]]:
         for first in range(0, len(x), _ROWS):
             chosen = x[np.minimum(np.arange(first, first + _ROWS), len(x) - 1)]
             yield _lines(self.padded, jnp.asarray(chosen), self.effects)
@@ -183,9 +191,7 @@ class Descent:
         left = rows.left[:, : self.measured].reshape(len(x), self.problem.trials, -1)
         squares = np.sum(np.sum(left**2, axis=2) * use, axis=1)
         cost = 0.5 * (squares + np.sum(rows.left[:, self.measured :] ** 2, axis=1))
-        model: ForceModel = jax.vmap(lambda each: model_at(self.problem, each, self.effects))(jnp.asarray(x))
-        whole: Any = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(x), *np.shape(leaf)[1:])), model)
-        return Fit(x, cost, squares, rows.error_n2, whole, np.isfinite(cost))  # type: ignore[arg-type]
+        return Fit(x, cost, squares, rows.error_n2, self.models(x), np.isfinite(cost))  # type: ignore[arg-type]
 
 
 def _scale(normal: Matrix) -> Matrix:
@@ -194,19 +200,19 @@ def _scale(normal: Matrix) -> Matrix:
 
 
 @partial(jax.jit, static_argnums=2, compiler_options=_COMPILER)
-def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array]:
-    def one(x: Array) -> tuple[Array, Array, Array]:
-        lines = model_lines(problem, model_at(problem, x, effects))
-        return lines, shared_bias(problem, x), out_of_range(problem, x, effects)
+def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array, ForceModel]:
+    def one(x: Array) -> tuple[Array, Array, Array, ForceModel]:
+        model = jax.tree.map(jnp.asarray, model_at(problem, x, effects))
+        return model_lines(problem, model), shared_bias(problem, x), out_of_range(problem, x, effects), model
 
     return jax.vmap(one)(x)
 
 
 @jax.jit
-def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Array]:
-    def one(lines: Array, bias_n: Array) -> tuple[Array, Array]:
+def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Array, Array]:
+    def one(lines: Array, bias_n: Array) -> tuple[Array, Array, Array]:
         found = residual_of_lines(problem, lines, bias_n)
-        return found.weighted, jnp.sum(found.remaining_n**2, axis=1)
+        return found.weighted, jnp.sum(found.remaining_n**2, axis=1), found.phase_rad
 
     return jax.vmap(one)(lines, bias_n)
 

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, order_lines
-from mjx_cutting.tracing.course import Course, Kind
-from mjx_cutting.tracing.lines import Lines, band_limit
+from mjx_cutting.tracing.course import Course
+from mjx_cutting.tracing.lines import Lines, band_limit, turns
 from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.slow_kinds import Kind
 
 NAME = "entry_exit"
 NO_START_M, NO_END_M = -1.0, 1e3
@@ -100,7 +101,7 @@ class Ramps:
 
     def __init__(self, lines: Lines, problem: Problem, model: ForceModel):
         self.lines, self.problem, self.model = lines, problem, model
-        self.turns: dict[int, NDArray[np.complexfloating]] = {}
+        self._latest: tuple[Course, NDArray[np.complexfloating]] | None = None
         radius = 0.5 * float(np.asarray(model.tool.diameter_m))
         depth = np.clip(np.asarray(problem.cut.radial_depth_m), 1e-9, radius)
         self.reach_m = np.sqrt(depth * (2.0 * radius - depth))
@@ -132,24 +133,23 @@ class Ramps:
 
     def _wave(self, course: Course, ramp: NDArray[np.bool_], way: Array, table: NDArray) -> Array:
         """[n, 3] the table's lines at the tool's angles, between the two knots nearest each sample."""
-        turns = self._turns(course)[ramp]
+        turned = self._turns(course)[ramp]
         place = np.sqrt(way) * (_KNOTS - 1)
         knot = np.minimum(place.astype(int), _KNOTS - 2)
         added = np.empty((len(way), 3))
         for each in np.unique(knot):
             inside = knot == each
             pair = np.concatenate([table[each], table[each + 1]], axis=1)
-            wave = np.real(turns[inside] @ pair)
+            wave = np.real(turned[inside] @ pair)
             after = ((way[inside] * (_KNOTS - 1) ** 2 - each**2) / (2 * each + 1))[:, None]
             added[inside] = (1.0 - after) * wave[:, :3] + after * wave[:, 3:]
         return added
 
     def _turns(self, course: Course) -> NDArray[np.complexfloating]:
-        if course.index not in self.turns:
+        if self._latest is None or self._latest[0] is not course:
             heard = np.concatenate([[1.0], 2.0 * self.lines.present[course.index][1::2]])
-            order = np.arange(self.lines.orders + 1)
-            self.turns[course.index] = np.exp(1j * np.multiply.outer(course.angle_rad, order)) * heard
-        return self.turns[course.index]
+            self._latest = course, turns(course.angle_rad, self.lines.orders).T * heard
+        return self._latest[1]
 
 
 @eqx.filter_jit

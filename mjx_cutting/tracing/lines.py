@@ -162,11 +162,23 @@ def compress(
     )
 
 
+def turns(angle_rad: Array, orders: int) -> NDArray[np.complexfloating]:
+    """[orders + 1, T] exp(i n th) for n = 0..orders."""
+    power = np.empty((orders + 1, len(angle_rad)), dtype=complex)
+    power[0], known = 1.0, 1
+    while known <= orders:
+        more = min(known, orders + 1 - known)
+        np.multiply(power[:more], np.exp(1j * known * angle_rad), out=power[known : known + more])
+        known += more
+    return power
+
+
 def basis(angle_rad: Array, orders: int) -> Array:
     """[T, 2 orders + 1] columns 1, cos n th, sin n th for n = 1..orders, in that order of n."""
-    phase = np.multiply.outer(angle_rad, np.arange(1, orders + 1))
-    pairs = np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(len(angle_rad), -1)
-    return np.concatenate([np.ones((len(angle_rad), 1)), pairs], axis=1)
+    columns = np.empty((2 * orders + 1, len(angle_rad)))
+    power = turns(angle_rad, orders)
+    columns[0], columns[1::2], columns[2::2] = 1.0, power[1:].real, power[1:].imag
+    return columns.T
 
 
 def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s: float) -> int:

@@ -16,8 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import null_space
@@ -25,7 +23,7 @@ from scipy.linalg import null_space
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects
 from mjx_cutting.tracing.lines import Lines
-from mjx_cutting.tracing.problem import Problem, model_at
+from mjx_cutting.tracing.problem import Problem
 
 _STEP = 1e-4
 Array = NDArray[np.floating]
@@ -59,8 +57,8 @@ def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike)
     descent = Descent(problem, effects)
     slope = descent.around(here)[1][: descent.measured]
     normal = slope.T @ slope
-    beside = jnp.asarray(np.concatenate([here[None], here + _STEP * np.eye(len(here))]))
-    values = jax.vmap(lambda each: model_at(problem, each, effects).effects)(beside)
+    beside = np.concatenate([here[None], here + _STEP * np.eye(len(here))])
+    values = descent.models(beside).effects
     error = tolerated(problem, lines)
     found = []
     for kind, effect in zip(effects, values, strict=False):

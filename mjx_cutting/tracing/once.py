@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
-from mjx_cutting.tracing.course import KINDS
 from mjx_cutting.tracing.ends import NAME as ENDS
 from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
@@ -29,6 +28,7 @@ from mjx_cutting.tracing.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.screening import screen
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
+from mjx_cutting.tracing.slow_kinds import KINDS
 from mjx_cutting.tracing.verdict import final, noise_floor, reached
 from mjx_cutting.trials.dataset import Dataset
 

@@ -9,7 +9,6 @@ shape of the force and pass beside any factor. Levels have no shape, so tools th
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,7 +16,6 @@ from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.problem import Problem
-from mjx_cutting.tracing.residual import residual
 
 _SHARE_OF_FREE = 0.9
 _OWN = 0.5
@@ -43,10 +41,10 @@ def rather_a_factor(
 
 def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float]:
     """Sum of squares of the weighted residual, and the same with a factor on the force of each trial."""
-    phase = np.asarray(residual(problem, jnp.asarray(x), effects).phase_rad)
-    descent = Descent(problem, effects, phase)
+    rows = Descent(problem, effects).rows(x[None])
+    descent = Descent(problem, effects, rows.phase_rad[0])
     shape = problem.whitened.shape
-    left = descent.rows(x[None]).left[0, : descent.measured].reshape(shape)
+    left = rows.left[0, : descent.measured].reshape(shape)
     mark = descent.mark(x[None]).reshape(shape)
     if np.any(np.asarray(problem.bias_spread_n) > 0.0):
         # a bias of each trial's own has taken the mean out of what is left

@@ -23,7 +23,7 @@ from mjx_cutting.cutting import Cut, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import as_levels
-from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band
+from mjx_cutting.tracing.lines import Lines, band_limit, compress, trusted_band, turns
 from mjx_cutting.tracing.problem import Problem, by_position, model_lines, pose
 from mjx_cutting.tracing.residual import Residual, residual_of_lines
 from mjx_cutting.tracing.spindle import spindle_angle, stated_speed
@@ -154,10 +154,7 @@ def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate
 
 def _turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.complexfloating]:
     heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
-    turns: NDArray[np.complexfloating] = np.exp(
-        1j * np.multiply.outer(angle_rad, np.arange(lines.orders + 1))
-    )
-    return turns * heard
+    return turns(angle_rad, lines.orders).T * heard
 
 
 def _moving_wave(

@@ -246,10 +246,8 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
         return jax.vmap(partial(_thrust_and_torque, model))(problem.cut)[:, None] + 0j
     straight = ForceModel(problem.tool, model.material, model.effects)
     orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
-    node, weight = np.polynomial.legendre.leggauss(_PLACES if by_position(model) else 1)
 
     def along(cut: Cut, path_m: Array, motion: Array | None) -> Array:
-        places = cut.position_m + 0.5 * path_m * node
         moving = straight if motion is None else straight.with_effects(CentreMotion(motion))
 
         def at(place: ArrayLike) -> Array:
@@ -257,7 +255,10 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
             here = here if motion is None else felt_on(here, motion, angles)
             return order_lines(moving, here, orders, angles, arc_rad)
 
-        return jnp.tensordot(0.5 * weight, jax.vmap(at)(places), axes=1)
+        if not by_position(model):
+            return at(cut.position_m)
+        node, weight = np.polynomial.legendre.leggauss(_PLACES)
+        return jnp.tensordot(0.5 * weight, jax.vmap(at)(cut.position_m + 0.5 * path_m * node), axes=1)
 
     return jax.vmap(along)(problem.cut, problem.path_m, problem.motion) * problem.gain[..., None]
 

@@ -21,7 +21,6 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, effect_starts
 from mjx_cutting.tracing.problem import Problem
-from mjx_cutting.tracing.residual import residual
 
 _TRIED = 3
 _FIRST_STEPS = 2
@@ -61,7 +60,7 @@ def screen(
 ) -> tuple[Screened, ...]:
     """Each of `kinds` beside the model with `effects` at its fitted unknowns `x`, the most telling first."""
     here = np.asarray(x)
-    so_far = Descent(problem, effects, np.asarray(residual(problem, x, effects).phase_rad))
+    so_far = Descent(problem, effects, Descent(problem, effects).rows(here[None]).phase_rad[0])
     left, slope = so_far.around(here)
     found = []
     for kind in kinds:

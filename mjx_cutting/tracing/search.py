@@ -2,8 +2,8 @@
 
 Each round looks at every candidate beside what is accepted already (`screening`), fits the most telling ones
 fully, scores them on held-out trials, tests them (`decision`), accepts the best that passes, and looks again
-at what remains. The best of the others is the runner-up. In the end each effect must still earn its place
-(`exchange`).
+at what remains, as long as enough does. The best of the others is the runner-up. In the end each effect must
+still earn its place (`exchange`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
-from mjx_cutting.tracing.candidate import Round, parameters, try_effect
+from mjx_cutting.tracing.candidate import Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.exchange import reconsider
-from mjx_cutting.tracing.fit import Effects, Fit, fit, fit_base, reweighted
+from mjx_cutting.tracing.fit import Effects, Fit, fit_base, reweighted
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.problem import Problem
@@ -66,7 +66,7 @@ def search(
     effects: Effects = ()
     current, heldout = base, base_heldout
     rounds: list[Round] = []
-    while len(effects) < MOST_EFFECTS:
+    while len(effects) < MOST_EFFECTS and (not rounds or _worth_a_round(problem, lines, heldout)):
         open_ = [kind for kind in candidates if kind not in effects and kind.size(problem.tool) > 0]
         screened = screen(problem, effects, current.x, open_, progress)
         tried = []
@@ -81,8 +81,7 @@ def search(
             break
         effects = (*effects, accepted.kind)
         problem = reweighted(problem, accepted.fit)
-        current = fit(problem, effects, np.asarray(accepted.fit.x)[None])
-        heldout = held_out(problem, lines, effects, current.x, fold)
+        current, heldout = fitted(problem, lines, effects, np.asarray(accepted.fit.x), fold)
     for _ in effects[1:]:
         progress("second thoughts about " + ", ".join(kind.name for kind in effects[:-1]))
         change = reconsider(problem, lines, effects, current.x, rounds, fold)
@@ -90,10 +89,16 @@ def search(
             break
         effects = change.effects
         rounds[change.place] = change.round
-        current = fit(problem, effects, change.x[None])
-        heldout = held_out(problem, lines, effects, current.x, fold)
+        current, heldout = fitted(problem, lines, effects, change.x, fold)
     intervals = parameters(problem, lines, effects, current, heldout) if effects else []
     return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds), tuple(intervals))
+
+
+def _worth_a_round(problem: Problem, lines: Lines, heldout: HeldOut) -> bool:
+    """Whether an effect more could account for as much of the force as one must (`decision`): none takes away
+    what lies between the lines."""
+    left = (heldout.error_n2.sum() - lines.rest_n2.sum()) / heldout.energy_n2.sum()
+    return bool(left >= problem.tolerance**2)
 
 
 def shortlist(screened: Sequence[Screened]) -> list[Screened]:

@@ -16,6 +16,10 @@ from mjx_cutting.tracing.course import Course
 
 _PHASES = 256
 _ALIGNED = 8
+_MOST_BLOCKS = 8192
+_SHAPES_AT_ONCE = 32
+_CYCLES = 20.0
+_BLOCKS_A_CYCLE = 64
 Array = NDArray[np.floating]
 
 
@@ -32,32 +36,141 @@ def sums(columns: Callable[[Course, Array], Array], courses: Sequence[Course], s
     imitate (`Course.same`)."""
     squares, products = [], []
     for course in courses:
-        known = np.concatenate(
-            [course.same.reshape(-1, 3, course.same.shape[-1]), course.left_n[..., None]], axis=-1
-        )
-        known = np.ascontiguousarray(np.moveaxis(known, 1, 0))
-        own = np.swapaxes(known[..., :-1], 1, 2) @ known
-        each = [_of_one(columns(course, shape), known, own, course.apart) for shape in shapes]
-        squares.append(np.stack([square for square, _ in each]))
-        products.append(np.stack([product for _, product in each]))
+        known, own = _known(course)
+        square, cross = [], []
+        for shape in shapes:
+            turned = np.ascontiguousarray(np.transpose(columns(course, shape), (1, 2, 0)))
+            square.append(turned @ np.swapaxes(turned, 1, 2))
+            cross.append(turned @ known)
+        found = _less_same(np.stack(square), np.stack(cross), own, course.apart)
+        squares.append(found[0])
+        products.append(found[1])
     return Sums(np.stack(squares), np.stack(products))
 
 
-def _of_one(columns: Array, known: Array, own: Array, apart: bool) -> tuple[Array, Array]:
-    """X^T X [3, k, k] and X^T e [3, k] by axis of the columns X = C - Q (Q^T C), from products alone.
+def profiled_sums(
+    courses: Sequence[Course],
+    along: Callable[[Course], Array],
+    carrier: Callable[[Course], Array],
+    profile: Callable[[Array, Array], Array],
+    shapes: Array,
+) -> Sums:
+    """The same of one column a shape, which is a profile along the trial times a wave.
 
-    Arguments: C [T, 3, k]; Q and e side by side, [3, T, q + 1]; Q^T of those, [3, q, q + 1]; whether C itself
-        is taken for X.
+    Long records are first summed over blocks of time, short against whatever a profile does.
+
+    Arguments:
+        along: [T] what the profile is a function of.
+        carrier: [T, 3] the wave.
+        profile: [P, B] at places [B], of shapes [P, d].
     """
-    turned = np.ascontiguousarray(np.transpose(columns, (1, 2, 0)))
-    square, cross = turned @ np.swapaxes(turned, 1, 2), turned @ known
+    squares, products = [], []
+    for course in courses:
+        known, own = _known(course)
+        place, wave = along(course), np.transpose(carrier(course))
+        edges = _blocks(len(place), _MOST_BLOCKS)
+        energy = np.transpose(np.add.reduceat(wave**2, edges, axis=1))
+        beside = np.add.reduceat(wave[..., None] * known, edges, axis=1).swapaxes(0, 1)
+        parts, mean = [], _means(place, edges)
+        for first in range(0, len(shapes), _SHAPES_AT_ONCE):
+            share = profile(mean, shapes[first : first + _SHAPES_AT_ONCE])
+            parts.append((share**2 @ energy, share @ beside.reshape(len(mean), -1)))
+        square, cross = (np.concatenate(side) for side in zip(*parts, strict=True))
+        cross = cross.reshape(len(shapes), *beside.shape[1:])
+        found = _less_same(square[..., None, None], cross[:, :, None], own, course.apart)
+        squares.append(found[0])
+        products.append(found[1])
+    return Sums(np.stack(squares), np.stack(products))
+
+
+def harmonic_sums(
+    courses: Sequence[Course],
+    along: Callable[[Course], Array],
+    carriers: Callable[[Course], Array],
+    frequency: Array,
+) -> Sums:
+    """The same of columns cos(w u) c_i, then -sin(w u) c_i, w being 2 pi times each `frequency` [P].
+
+    Frequencies near one another are taken together: what turns with their middle one is summed over blocks of
+    time, in which the others hardly turn against it.
+
+    Arguments:
+        along: [T] u, in 1 / the unit of frequency.
+        carriers: [T, 3, c] the waves c_i.
+    """
+    squares, products = [], []
+    for course in courses:
+        known, own = _known(course)
+        place, wave = along(course), np.moveaxis(carriers(course), 0, -1)
+        beside = wave[..., None] * known[:, None]  # [3, c, T, q + 1]
+        pairs = wave[:, :, None] * wave[:, None]  # [3, c, c, T]
+        once = _turned(place, np.moveaxis(beside, 2, -1), frequency)
+        twice = _turned(place, pairs, 2.0 * frequency)
+        level = pairs.sum(axis=-1)
+        upper = np.concatenate([level + twice.real, twice.imag], axis=-1)
+        lower = np.concatenate([twice.imag, level - twice.real], axis=-1)
+        square = 0.5 * np.concatenate([upper, lower], axis=-2)
+        cross = np.concatenate([once.real, once.imag], axis=2)
+        found = _less_same(square, cross, own, course.apart)
+        squares.append(found[0])
+        products.append(found[1])
+    return Sums(np.stack(squares), np.stack(products))
+
+
+def _turned(place: Array, value: Array, frequency: Array) -> NDArray[np.complexfloating]:
+    """[P, ...] sums over `value` [..., T] times exp(-2 pi i f u), u the `place` [T], f of `frequency` [P]."""
+    flat = value.reshape(-1, len(place))
+    span = max(float(np.ptp(place)), 1e-300)
+    found = np.zeros((len(frequency), len(flat)), dtype=complex)
+    live = flat.any(axis=1)
+    flat = flat[live]
+    group = np.floor((frequency - frequency.min()) * span / (2.0 * _CYCLES)).astype(int)
+    for each in np.unique(group):
+        members = np.flatnonzero(group == each)
+        middle = 0.5 * (frequency[members].min() + frequency[members].max())
+        away = frequency[members] - middle
+        edges = _blocks(len(place), int(_BLOCKS_A_CYCLE * (1.0 + span * float(np.abs(away).max()))))
+        mean = _means(place, edges)
+        within = place - np.repeat(mean, np.diff(edges, append=len(place)))
+        turned = flat * np.exp(-2j * np.pi * middle * place)
+        slow = np.exp(-2j * np.pi * np.multiply.outer(away, mean))
+        # to first order also how the value is spread within a block
+        level, slope = (np.add.reduceat(each, edges, axis=1).T for each in (turned, turned * within))
+        found[np.ix_(members, live)] = slow @ level - 2j * np.pi * away[:, None] * (slow @ slope)
+    return found.reshape(len(frequency), *value.shape[:-1])
+
+
+def _blocks(samples: int, most: int) -> NDArray[np.int64]:
+    """Where blocks of nearly equal length begin, at most as many as there are samples."""
+    return np.linspace(0, samples, min(most, samples), endpoint=False).astype(int)
+
+
+def _means(value: Array, edges: NDArray[np.int64]) -> Array:
+    """[B] mean of `value` [T] over each block."""
+    return np.asarray(np.add.reduceat(value, edges) / np.diff(edges, append=len(value)))
+
+
+def _known(course: Course) -> tuple[Array, Array]:
+    """What a trial can imitate, Q, and what is left, e, side by side, [3, T, q + 1]; Q^T of those by axis."""
+    same = course.same.reshape(-1, 3, course.same.shape[-1])
+    known = np.concatenate([same, course.left_n[..., None]], axis=-1)
+    known = np.ascontiguousarray(np.moveaxis(known, 1, 0))
+    return known, np.swapaxes(known[..., :-1], 1, 2) @ known
+
+
+def _less_same(square: Array, cross: Array, own: Array, apart: bool) -> tuple[Array, Array]:
+    """X^T X [P, 3, k, k] and X^T e [P, 3, k] by axis of the columns X = C - Q (Q^T C), from products alone.
+
+    Arguments: C^T C [P, 3, k, k]; C^T (Q, e) [P, 3, k, q + 1]; Q^T (Q, e) [3, q, q + 1]; whether C itself is
+        taken for X.
+    """
     if apart:
         return square, cross[..., -1]
-    beside = cross[..., :-1]  # C^T Q by axis
-    share = beside.sum(axis=0).T  # Q^T C
+    beside = cross[..., :-1]
+    share = np.swapaxes(beside.sum(axis=1), 1, 2)[:, None]  # Q^T C
     mixed = beside @ share
-    square = square - mixed - np.swapaxes(mixed, 1, 2) + share.T @ own[..., :-1] @ share
-    return square, cross[..., -1] - own[..., -1] @ share
+    square = square - mixed - np.swapaxes(mixed, 2, 3) + np.swapaxes(share, 2, 3) @ own[..., :-1] @ share
+    return square, cross[..., -1] - np.einsum("aq,pqk->pak", own[..., -1], share[:, 0])
 
 
 def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
-from mjx_cutting.tracing.course import KINDS, Course, Kind, along_path, as_values
+from mjx_cutting.tracing.course import Course, along_path
 from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance_over_trials, decide, interval
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.lines import Lines
@@ -29,6 +29,7 @@ from mjx_cutting.tracing.shapes import (
     solve_in_phase,
     sums,
 )
+from mjx_cutting.tracing.slow_kinds import KINDS, Kind, as_values
 from mjx_cutting.trials.dataset import Dataset
 
 MOST_SLOW = 3
@@ -169,12 +170,12 @@ def _try(
 ) -> SlowCandidate:
     shapes = kind.grid(trials)
     everyone = np.ones(len(trials))
-    found, grid = sums(kind.columns, trials, shapes), shapes
+    found, grid = kind.sums_of(trials, shapes), shapes
     for zoom in _ZOOMS:
         if kind.refine is None:
             break
         near = kind.refine(grid, shapes[solve(found, everyone, weight)[0]], zoom)
-        close = sums(kind.columns, trials, near)
+        close = kind.sums_of(trials, near)
         shapes = np.concatenate([shapes, near])
         found = Sums(
             np.concatenate([found.square, close.square], axis=1),
@@ -203,10 +204,12 @@ def _try(
     if decision.accepted and kind.ends is not None and (why := kind.ends(trials, effect)):
         decision = replace(decision, accepted=False, reasons=(why,))
     own_c = _in_each(kind, found, best, c, weight)
-    columns = [kind.columns(each, shapes[best]) for each in trials]
-    added = tuple(each.own(x) @ one for each, x, one in zip(trials, columns, own_c, strict=True))
-    whole = tuple(x @ one for x, one in zip(columns, own_c, strict=True))
-    return SlowCandidate(kind.effect, effect, after, decision, added, whole)
+    added, whole = [], []
+    for course, one in zip(trials, own_c, strict=True):
+        columns = kind.columns(course, shapes[best])
+        added.append(course.own(columns) @ one)
+        whole.append(columns @ one)
+    return SlowCandidate(kind.effect, effect, after, decision, tuple(added), tuple(whole))
 
 
 def _fit(kind: Kind, found: Sums, use: Array, weight: Array) -> tuple[int, Array]:

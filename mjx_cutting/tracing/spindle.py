@@ -15,10 +15,11 @@ are left only where that law collects clearly more energy over the session.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.optimize import nnls
 
 from mjx_cutting.cutting import arc
@@ -30,6 +31,7 @@ SLOWEST = 0.35
 _PAD = 8
 _TOOTH_HARMONICS = 4
 _REFINED = 12
+_BLOCKS = 1024
 _RESOLVED = 2.5
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _LOSS_STEP = 0.004
@@ -79,8 +81,8 @@ def spindle_speed(trial: Trial, teeth: int, about_rev_s: float | None = None) ->
     # the coarse spectrum cannot place the peak better than a bin of its strongest line
     bin_rev_s = 1.0 / (_PAD * time[-1] * orders[int(np.argmax(strength))])
     near = best + step * np.arange(-int(bin_rev_s / step) - 1, int(bin_rev_s / step) + 2)
-    exact = [_comb(signal, time, strongest, float(each), teeth).sum() for each in near]
-    return _refine(signal, time, strongest, float(near[int(np.argmax(exact))]), step, teeth)
+    energy = _energy_near(signal, time, strongest, best, teeth)
+    return _refine(energy, float(near[int(np.argmax([energy(float(each)) for each in near]))]), step)
 
 
 def spindle_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
@@ -168,8 +170,7 @@ def _within_reach(trial: Trial, teeth: int) -> tuple[Array, Array] | None:
     heard = np.log1p(power / (_OVER_NOISE * np.median(power))) @ _weights(orders, teeth)
     energy = np.maximum(heard - np.median(heard), 0.0)
     reach = max(int(SPREAD * stated / step), 1)
-    padded = np.concatenate([np.zeros(reach), energy, np.zeros(reach)])
-    best = np.max(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+    best = maximum_filter1d(energy, 2 * reach + 1, mode="constant")
     return candidates, best / max(float(best.max()), 1e-300)
 
 
@@ -234,33 +235,52 @@ def _apart(folded_hz: Array, orders: NDArray[np.int64], teeth: int, span_s: floa
     return heard
 
 
-def _refine(
-    signal: Array, time: Array, orders: NDArray[np.int64], start: float, step: float, teeth: int
-) -> float:
-    """Golden-section search on the exact energy within a step of the start."""
-
-    def power(speed: float) -> float:
-        return float(_comb(signal, time, orders, speed, teeth).sum())
-
+def _refine(energy: Callable[[float], float], start: float, step: float) -> float:
+    """Golden-section search for the speed of most energy within a step of the start."""
     low, high = start - step, start + step
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = power(left), power(right)
+    at_left, at_right = energy(left), energy(right)
     for _ in range(30):
         if at_left > at_right:
             high, right, at_right = right, left, at_left
             left = high - _GOLDEN * (high - low)
-            at_left = power(left)
+            at_left = energy(left)
         else:
             low, left, at_left = left, right, at_right
             right = low + _GOLDEN * (high - low)
-            at_right = power(right)
+            at_right = energy(right)
     return 0.5 * (low + high)
+
+
+def _energy_near(
+    signal: Array, time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int
+) -> Callable[[float], float]:
+    """Energy at the orders of any speed near the one given, weighted.
+
+    The record is turned back by the speed given; what then turns slowly is summed over blocks of time.
+    """
+    edges = np.linspace(0, len(time), min(_BLOCKS, len(time)), endpoint=False).astype(int)
+    middle = np.add.reduceat(time, edges) / np.diff(edges, append=len(time))
+    turned = _wave(time, orders * speed_rev_s)[..., None] * signal
+    sums = np.add.reduceat(turned, edges, axis=1)
+    weights = _weights(orders, teeth)
+
+    def energy(speed: float) -> float:
+        slow = _wave(middle, orders * (speed - speed_rev_s))
+        return float(np.sum(np.abs(np.einsum("fb,fba->fa", slow, sums)) ** 2, axis=1) @ weights)
+
+    return energy
 
 
 def _comb(signal: Array, time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int) -> Array:
     """[F] exact energy of the record at each order of a speed, weighted."""
-    wave = np.exp(-2j * np.pi * np.multiply.outer(orders * speed_rev_s, time))
+    wave = _wave(time, orders * speed_rev_s)
     return np.sum(np.abs(wave @ signal) ** 2, axis=1) * _weights(orders, teeth)
+
+
+def _wave(time: Array, frequency_hz: Array) -> NDArray[np.complexfloating]:
+    """[F, T] a turn against each frequency."""
+    return np.asarray(np.exp(-2j * np.pi * np.multiply.outer(frequency_hz, time)))
 
 
 def _standing_alone(time: Array, orders: NDArray[np.int64], speed_rev_s: float) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.candidate import Candidate, Round
-from mjx_cutting.tracing.course import BY_PLACE, KINDS, feeds_differ
+from mjx_cutting.tracing.course import feeds_differ
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
@@ -20,6 +20,7 @@ from mjx_cutting.tracing.problem import Problem, shared_bias
 from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.separation import separations
 from mjx_cutting.tracing.slow import SlowRound
+from mjx_cutting.tracing.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.unseen import BESIDE_LINES, needs
 from mjx_cutting.trials.dataset import Dataset
 

@@ -1,0 +1,60 @@
+"""Sums over many shapes, the fast way and sample by sample."""
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing.course import Course
+from mjx_cutting.tracing.shapes import sums
+from mjx_cutting.tracing.slow_kinds import KINDS
+
+SUMMED_FASTER = [kind for kind in KINDS if kind.sums is not None]
+
+
+def course(samples: int, feed_m_s: float, apart: bool = False) -> Course:
+    """A saw's trial at 500 Hz, its force changing by 2 % every 5 mm, with noise."""
+    rng = np.random.default_rng(samples)
+    time = np.arange(samples) / 500.0
+    tooth = 2.0 * np.pi * 80.0 * time[:, None] + np.arange(3)
+    chip = 30.0 + 10.0 * np.cos(tooth) + 3.0 * np.sin(tooth / 4.0)
+    wave = np.cos(2.0 * np.pi * feed_m_s * time / 0.005)[:, None]
+    return Course(
+        time_s=time,
+        position_m=feed_m_s * time + 1e-6 * rng.normal(size=samples),
+        feed_share=None,
+        chip_n=chip,
+        edge_n=5.0 + 4.0 * np.cos(2.0 * tooth),
+        left_n=0.02 * chip * wave + rng.normal(size=(samples, 3)),
+        rate_hz=500.0,
+        band_hz=(0.0, 200.0),
+        apart=apart,
+    )
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("kind", SUMMED_FASTER, ids=lambda kind: kind.name)
+def test_fast_sums_are_those_of_the_samples(kind, apart):
+    trials = [course(3000, 0.002, apart), course(3000, 0.004, apart)]
+    grid = kind.grid(trials)
+    few = grid[:: max(1, len(grid) // 40)]
+    exact, fast = sums(kind.columns, trials, few), kind.sums_of(trials, few)
+    for left, right in ((exact.square, fast.square), (exact.product, fast.product)):
+        np.testing.assert_allclose(right, left, atol=5e-4 * np.abs(left).max())
+
+
+def test_shapes_of_either_edge_share_keep_their_order():
+    kind = next(each for each in KINDS if each.name == "material_periodicity")
+    shapes = np.array([[0.02, 1.0], [0.005, 0.0], [0.01, 1.0], [0.004, 0.0]])
+    exact, fast = (way([course(3000, 0.003)], shapes) for way in (_sample_by_sample(kind), kind.sums_of))
+    np.testing.assert_allclose(fast.square, exact.square, rtol=2e-3, atol=5e-4 * exact.square.max())
+
+
+def test_blocks_of_a_long_record_are_short_against_a_layer():
+    kind = next(each for each in KINDS if each.name == "layered_material")
+    trial = course(30_000, 0.002)
+    shapes = np.array([[0.02, 0.01], [0.05, 0.03]])
+    exact, fast = (way([trial], shapes) for way in (_sample_by_sample(kind), kind.sums_of))
+    np.testing.assert_allclose(fast.square, exact.square, rtol=2e-3)
+
+
+def _sample_by_sample(kind):
+    return lambda trials, shapes: sums(kind.columns, trials, shapes)
