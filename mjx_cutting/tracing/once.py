@@ -23,7 +23,7 @@ from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit, compress
 from mjx_cutting.tracing.pieces import in_pieces, of_whole_trials
-from mjx_cutting.tracing.prediction import Prediction, predictions
+from mjx_cutting.tracing.prediction import Prediction, grows, predictions
 from mjx_cutting.tracing.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.screening import screen
 from mjx_cutting.tracing.search import Search, search
@@ -191,8 +191,25 @@ def _steady(
     problem = found.problem
     base_model, model = (_named(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
     before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
-    after = predictions(dataset, lines, problem, model, shared_bias(problem, found.final_fit.x))
+    bias = shared_bias(problem, found.final_fit.x)
+    after = predictions(dataset, lines, problem, model, bias)
+    if grows(model):
+        still = predictions(dataset, lines, problem, model, bias, still=True)
+        found = replace(found, final=_with_growth(found.final, lines, still, after))
     return Pass(dataset, lines, found, (), base_model, model, before, after)
+
+
+def _with_growth(
+    heldout: HeldOut, lines: Lines, still: Sequence[Prediction], after: Sequence[Prediction]
+) -> HeldOut:
+    """The error on held-out trials with what a growing effect does within each, which no line holds."""
+    error = heldout.error_n2.copy()
+    change = [
+        np.sum(grown.residual_n**2 - mean.residual_n**2, axis=0)
+        for grown, mean in zip(after, still, strict=True)
+    ]
+    np.add.at(error, lines.owner, np.asarray(change))
+    return replace(heldout, error_n2=np.maximum(error, 0.0))
 
 
 def _whole(found: Pass) -> list[Array] | None:

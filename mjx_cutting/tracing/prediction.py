@@ -86,11 +86,17 @@ def predict_trials(
 
 
 def predictions(
-    dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0
+    dataset: Dataset,
+    lines: Lines,
+    problem: Problem,
+    model: ForceModel,
+    shared_bias_n: ArrayLike = 0.0,
+    still: bool = False,
 ) -> tuple[Prediction, ...]:
-    """The same from parts already made (call it in float64); the speeds are those of `lines`."""
+    """The same from parts already made (call it in float64); the speeds are those of `lines`. `still`: with
+    one set of lines for a whole trial, as a fit has it."""
     model, _ = _at_loaded_speed(model)
-    knots = _KNOTS if by_position(model) else _FEW_KNOTS if _grows(model) else 0
+    knots = 0 if still else _KNOTS if by_position(model) else _FEW_KNOTS if grows(model) else 0
     places = _along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
@@ -173,7 +179,7 @@ def _moving_wave(
     return band_limit(force, rate_hz, lines.band_hz)
 
 
-def _grows(model: ForceModel) -> bool:
+def grows(model: ForceModel) -> bool:
     """Whether an effect grows with the length cut, in a trial as well."""
     return any("cut length" in effect.needs for effect in model.effects)
 
