@@ -40,6 +40,7 @@ _MODEL_ERROR = 0.02
 _PLACES = 6
 _ARC_STEP = np.pi / 8.0
 _TRIALS_STEP = 4
+_WIDTHS_APART = 1.1
 
 
 class Problem(eqx.Module):
@@ -55,7 +56,7 @@ class Problem(eqx.Module):
         bias_spread_n: [3] prior standard deviation of a trial's bias, N; 0 where all trials share one bias.
         scale: [6] units of the mechanistic constants, so that the unknowns are of order one.
         bias_unit_n: [] unit of a shared bias, N.
-        shared_bias: True where the sensor was zeroed once a session (static).
+        shared_bias: True where the sensor was zeroed once a session, and that shows (static).
         orders, angles: highest order and angles evaluated a turn (static).
         arc_rad: longest engagement arc of any trial, rounded up (static).
         motion: [R, K, 3] lines of the tool's motion at its measured angle, m, which is then no unknown; None
@@ -126,8 +127,8 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     ]
     rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
     noise = lines.noise_std_n()
-    shared = dataset.sensor.zeroed == "session"
-    known = shared or dataset.tool.kind in LEVEL_KINDS
+    zeroed_once = dataset.sensor.zeroed == "session"
+    known = zeroed_once or dataset.tool.kind in LEVEL_KINDS
     angles = dataset.tool.teeth * int(
         np.ceil(
             max(_FEWEST_ANGLES, _ANGLES_PER_ORDER * lines.orders, _ANGLES_PER_TOOTH * dataset.tool.teeth)
@@ -150,11 +151,20 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             _scale(trials, dataset.tool.teeth, dataset.tool.diameter_m, lines.speed_rev_s, rms)
         ),
         bias_unit_n=jnp.asarray(_BIAS_SPREAD * rms),
-        shared_bias=shared,
+        shared_bias=zeroed_once and _bias_shows(dataset.tool.kind, trials),
         orders=lines.orders,
         angles=angles,
         arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
     )
+
+
+def _bias_shows(kind: str, trials: Sequence[Trial]) -> bool:
+    """Whether a bias differs from an edge force, which over a level of one width it does not: there it stays
+    part of that."""
+    if kind not in LEVEL_KINDS:
+        return True
+    width = [trial.axial_width_m for trial in trials]
+    return kind == "turning" and max(width) > _WIDTHS_APART * min(width)
 
 
 def _arc(cut: Cut) -> float:
