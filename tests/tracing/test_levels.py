@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.study import make
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.levels import as_levels, white_power
 from mjx_cutting.trials import resolve
@@ -111,6 +112,30 @@ def test_a_layer_is_found_along_the_holes_and_not_where_all_have_one_feed():
     assert verdict["effects"] == [] and verdict["verdict"] == "unexplained"
     needs = {each["name"]: each["needs"] for each in verdict["not_testable"]}
     assert "different feeds" in needs["layered_material"]
+
+
+def test_a_layer_keeps_its_share_where_the_sensor_was_zeroed_once():
+    # a bias would pass for edge force, and torque and thrust then change by different shares
+    case = make("drill", {"layered_material": "medium"}, 203)
+    session = replace(case.dataset, sensor=replace(case.dataset.sensor, zeroed="session"))
+    (layer,) = trace(session, effects=("layered_material", "thermal_drift")).verdict["effects"]
+    change = case.truth["effects"]["layered_material"]["change"]
+    assert layer["parameters"]["change"]["value"] == pytest.approx(change, rel=0.05)
+
+
+def test_what_wear_does_within_a_hole_counts_in_the_error():
+    def wearing(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
+        more = 60.0 * (trial.cut_length_before_m + position - 0.5 * position[-1])
+        edge = np.where(inside, 2.0 * 3e-3 * 6e4 * more, 0.0)
+        return replace(trial, force_n=trial.force_n + edge[:, None] * [0, 0, 1])
+
+    found = trace(_with(_drills(0.0), wearing), effects=("flank_wear", "size_effect"))
+    assert [each["name"] for each in found.verdict["effects"]] == ["flank_wear"]
+    left = sum(float(np.sum(each.residual_n**2)) for each in found.after)
+    force = sum(float(np.sum(each.measured_n**2)) for each in found.after)
+    after = found.verdict["after"]["heldout_nrmse"]
+    assert after == pytest.approx(np.sqrt(left / force), rel=0.1)
+    assert after < 1.2 * found.verdict["noise_floor_nrmse"]
 
 
 def test_a_hum_of_the_mains_is_found_in_the_thrust():

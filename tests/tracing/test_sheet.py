@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
+from benchmarks.study import make
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.tracing.course import Course, along_path
@@ -22,15 +20,6 @@ from mjx_cutting.tracing.sheet import _zeroed_in_air
 from mjx_cutting.tracing.trace import trace
 
 START_M, END_M = 1e-3, 30e-3
-
-
-@pytest.fixture(scope="module")
-def make():
-    """Sessions of the independent simulator."""
-    root = str(Path(__file__).resolve().parents[2])
-    sys.path.insert(0, root)
-    yield importlib.import_module("benchmarks.study").make
-    sys.path.remove(root)
 
 
 def test_force_missing_on_the_ramps_is_that_of_the_effect(mill):
@@ -72,7 +61,7 @@ def test_a_bias_is_read_where_the_tool_is_not_yet_in_the_sheet(mill):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("design", ["mill", "saw"])
-def test_the_edge_of_the_sheet_is_named_with_its_place(make, design):
+def test_the_edge_of_the_sheet_is_named_with_its_place(design):
     """Traced inside, what is left is the floor; the whole records then show the geometry, share one."""
     case = make(design, {"entry_exit": "medium"}, 46 if design == "saw" else 45)
     names = ["radial_runout", "entry_exit", "layered_material"]
@@ -86,7 +75,7 @@ def test_the_edge_of_the_sheet_is_named_with_its_place(make, design):
 
 
 @pytest.mark.slow
-def test_a_layer_does_not_spoil_the_constants_it_is_measured_by(make):
+def test_a_layer_does_not_spoil_the_constants_it_is_measured_by():
     """A layer that takes three quarters of the force over a fifth of the path comes out with its size."""
     case = make("mill", {"layered_material": "strong"}, 53)
     found = trace(case.dataset, effects=["radial_runout", "layered_material"]).verdict

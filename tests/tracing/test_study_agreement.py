@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
 from scipy import signal
 
+from benchmarks.study import make
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, effect_class
 
-ROOT = Path(__file__).resolve().parents[2]
 FINE_HZ, SETTLE = 16_000.0, 4_800
 CLIMB = 4
-
-
-@pytest.fixture(scope="module")
-def make():
-    sys.path.insert(0, str(ROOT))
-    yield importlib.import_module("benchmarks.study").make
-    sys.path.remove(str(ROOT))
 
 
 def predicted(case, trial, seconds: float) -> np.ndarray:
@@ -58,7 +47,7 @@ def predicted(case, trial, seconds: float) -> np.ndarray:
         (("static_compliance",), 1.5e-3, CLIMB),
     ],
 )
-def test_the_force_path_and_the_simulator_agree(make, effects, within, seed):
+def test_the_force_path_and_the_simulator_agree(effects, within, seed):
     strength = {name: "strong" if name == "broken_tooth" else "medium" for name in effects}
     case = make("saw", strength, seed, noise=1e-9)
     plain = make("saw", {}, seed, noise=1e-9).dataset

@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from benchmarks import study
+from benchmarks.study import chatter, milling
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _benchmarks_found():
-    sys.path.insert(0, str(ROOT))
-    yield
-    sys.path.remove(str(ROOT))
-
-
-@pytest.fixture(scope="module")
-def study(_benchmarks_found):
-    return importlib.import_module("benchmarks.study")
-
-
-@pytest.fixture(scope="module")
-def milling(_benchmarks_found):
-    return importlib.import_module("benchmarks.study.milling")
-
-
-def reference_cut(milling, kind="slot", **changes):
+def reference_cut(kind="slot", **changes):
     """Four teeth, 2 mm wide, .05 mm a tooth: effects.md C1."""
     fields = {
         "teeth": 4, "radius_m": 0.008, "helix_rad": 0.0, "milling": kind, "depth_m": 0.008, "width_m": 0.002,
@@ -45,7 +25,7 @@ def line(force, turns, samples, order):
     return 2.0 * abs(np.mean(force * np.exp(-1j * order * angle)))
 
 
-def record(milling, cut, turns=20, rate=40_000.0):
+def record(cut, turns=20, rate=40_000.0):
     """The force over whole turns, [T, 3]."""
     samples = round(turns / cut.speed_rev_s * rate)
     return milling.grid_force(cut, 0.0, samples + 400, rate)[200:-200], turns, samples
@@ -55,60 +35,60 @@ def record(milling, cut, turns=20, rate=40_000.0):
     ("kind", "expected"),
     [("slot", (-95.3116, 150.1375)), ("conventional", (-108.2620, 30.4799)), ("climb", (12.9504, 119.6576))],
 )
-def test_mean_force_meets_the_closed_form(milling, kind, expected):
-    cut = reference_cut(milling, kind)
+def test_mean_force_meets_the_closed_form(kind, expected):
+    cut = reference_cut(kind)
     force, torque = milling.mean_load(cut)
     np.testing.assert_allclose(force[:2], expected, rtol=1e-3)
-    in_time, _, samples = record(milling, cut)
+    in_time, _, samples = record(cut)
     np.testing.assert_allclose(in_time[:samples, :2].mean(0), expected, rtol=1e-3)
     tangential = {"slot": 212.1499, "conventional": 106.0749, "climb": 106.0749}[kind]
     assert torque == pytest.approx(0.008 * tangential, rel=1e-3)
 
 
-def test_an_even_cutter_leaves_no_line_at_the_spindle(milling):
-    force, turns, samples = record(milling, reference_cut(milling))
+def test_an_even_cutter_leaves_no_line_at_the_spindle():
+    force, turns, samples = record(reference_cut())
     tooth = line(force[:samples, 1], turns, samples, 4)
     for order in (1, 2, 3):
         assert line(force[:samples, 1], turns, samples, order) < 2e-5 * tooth
 
 
-def test_runout_is_flat_in_feed_and_pitch_rises_with_it(milling):
+def test_runout_is_flat_in_feed_and_pitch_rises_with_it():
     at = {}
     pitch = {"pitch_error_rad": np.array([0.03, -0.01, -0.04, 0.02])}
     runout = {"offset_m": 5e-6, "angle_rad": 0.4}
     for name, hidden in (("radial_runout", runout), ("unequal_pitch", pitch)):
         for feed in (0.016, 0.048):
-            cut = reference_cut(milling, feed_m_s=feed, effects={name: hidden})
-            force, turns, samples = record(milling, cut)
+            cut = reference_cut(feed_m_s=feed, effects={name: hidden})
+            force, turns, samples = record(cut)
             at[name, feed] = line(force[:samples, 0], turns, samples, 1)
     assert at["radial_runout", 0.048] == pytest.approx(at["radial_runout", 0.016], rel=0.2)
     assert at["unequal_pitch", 0.048] > 1.5 * at["unequal_pitch", 0.016]
 
 
-def test_runout_keeps_the_mean_chip_and_loses_contact(milling):
+def test_runout_keeps_the_mean_chip_and_loses_contact():
     hidden = {"radial_runout": {"offset_m": 6e-5, "angle_rad": 0.4}}
     sharp = {"edge_n_m": np.zeros(3)}
-    even, _ = milling.mean_load(reference_cut(milling, **sharp))
-    uneven, _ = milling.mean_load(reference_cut(milling, effects=hidden, **sharp))
+    even, _ = milling.mean_load(reference_cut(**sharp))
+    uneven, _ = milling.mean_load(reference_cut(effects=hidden, **sharp))
     np.testing.assert_allclose(uneven[:2], even[:2], rtol=3e-3)
-    rubbed, _ = milling.mean_load(reference_cut(milling, effects=hidden))
-    assert abs(rubbed[1]) < 0.9 * abs(milling.mean_load(reference_cut(milling))[0][1])
+    rubbed, _ = milling.mean_load(reference_cut(effects=hidden))
+    assert abs(rubbed[1]) < 0.9 * abs(milling.mean_load(reference_cut())[0][1])
 
 
-def test_droop_slows_by_load_and_compliance_gives_way(milling):
-    loaded = milling.settle(reference_cut(milling, effects={"spindle_droop": {"droop_rev_s_nm": 1.0}}))
+def test_droop_slows_by_load_and_compliance_gives_way():
+    loaded = milling.settle(reference_cut(effects={"spindle_droop": {"droop_rev_s_nm": 1.0}}))
     assert loaded.speed_rev_s == pytest.approx(50.0 - milling.mean_load(loaded)[1], abs=1e-6)
     pushed = reference_cut(
-        milling, "conventional", depth_m=0.003, effects={"static_compliance": {"compliance_m_n": 1e-5}}
+        "conventional", depth_m=0.003, effects={"static_compliance": {"compliance_m_n": 1e-5}}
     )
     given = milling.settle(pushed)
     assert given.depth_m == pytest.approx(0.003 + 1e-5 * milling.mean_load(given)[0][1], abs=1e-8)
     assert given.depth_m < 0.003
 
 
-def test_helix_keeps_the_slot_mean_and_takes_the_tooth_line(milling):
-    cut = reference_cut(milling)
-    force, turns, samples = record(milling, cut, rate=80_000.0)
+def test_helix_keeps_the_slot_mean_and_takes_the_tooth_line():
+    cut = reference_cut()
+    force, turns, samples = record(cut, rate=80_000.0)
     window = 0.6 / (2.0 * np.pi * cut.speed_rev_s)
     slanted = milling.smear(force, window, 80_000.0)
     first = round(window * 80_000.0) + 1
@@ -120,15 +100,14 @@ def test_helix_keeps_the_slot_mean_and_takes_the_tooth_line(milling):
     assert ratio == pytest.approx(np.sinc(4 * 0.6 / (2.0 * np.pi)), rel=1e-3)
 
 
-def test_stability_limits_of_a_flexible_tool(milling, study):
+def test_stability_limits_of_a_flexible_tool():
     """C5: one mode of 922 Hz, two teeth, 5,000 rpm: the limit depth is .40863 mm."""
-    chatter = importlib.import_module("benchmarks.study.chatter")
     give = 1.0 / (0.03993 * (2.0 * np.pi * 922.0) ** 2)
     mode = {"compliance_m_n": [give, 0.0], "frequency_hz": [922.0, 922.0], "damping": [0.011, 0.011]}
 
     def swing(depth_m: float) -> float:
         cut = reference_cut(
-            milling, teeth=2, width_m=depth_m, speed_rev_s=5000.0 / 60.0, feed_m_s=0.0167,
+            teeth=2, width_m=depth_m, speed_rev_s=5000.0 / 60.0, feed_m_s=0.0167,
             chip_n_m2=np.array([6e8, 2e8, 0.0]), edge_n_m=np.zeros(3), effects={"regenerative_chatter": mode},
         )  # fmt: skip
         _, force = chatter.forces([cut], 0.0, 0.5, 100)[0]
@@ -140,12 +119,11 @@ def test_stability_limits_of_a_flexible_tool(milling, study):
     assert swing(1.06 * 0.40863e-3) > 1.5
 
 
-def test_no_vibration_is_larger_than_a_tooth_is_high(milling, study):
+def test_no_vibration_is_larger_than_a_tooth_is_high():
     """Far beyond the stability limit loss of contact alone lets the force grow without bound."""
-    chatter = importlib.import_module("benchmarks.study.chatter")
     mode = {"compliance_m_n": [1.4e-7, 8.7e-8], "frequency_hz": [490.0, 466.0], "damping": [0.032, 0.027]}
     cut = reference_cut(
-        milling, teeth=4, width_m=0.003, speed_rev_s=52.0, feed_m_s=0.0167,
+        teeth=4, width_m=0.003, speed_rev_s=52.0, feed_m_s=0.0167,
         chip_n_m2=np.array([1.3e9, 2.5e8, 0.0]), edge_n_m=np.zeros(3), effects={"regenerative_chatter": mode},
     )  # fmt: skip
     _, force = chatter.forces([cut], 0.0, 0.5, 60)[0]
@@ -155,7 +133,7 @@ def test_no_vibration_is_larger_than_a_tooth_is_high(milling, study):
 
 
 @pytest.mark.parametrize("design", ["mill", "saw", "drill", "turning"])
-def test_a_seed_gives_the_same_session_and_effects_change_nothing_else(study, design):
+def test_a_seed_gives_the_same_session_and_effects_change_nothing_else(design):
     first, again = study.make(design, {}, 4), study.make(design, {}, 4)
     with_drift = study.make(design, {"mains_pickup": "weak"}, 4)
     for a, b, c in zip(first.dataset.trials, again.dataset.trials, with_drift.dataset.trials, strict=True):
@@ -171,7 +149,7 @@ def test_a_seed_gives_the_same_session_and_effects_change_nothing_else(study, de
     assert all(np.isfinite(trial.signals).all() for trial in first.dataset.trials)
 
 
-def test_the_declared_filter_and_noise_are_in_the_record(study):
+def test_the_declared_filter_and_noise_are_in_the_record():
     case = study.make("saw", {}, 2)
     rate = case.dataset.sensor.sample_rate_hz
     for trial in case.dataset.trials[:2]:
@@ -183,7 +161,7 @@ def test_the_declared_filter_and_noise_are_in_the_record(study):
     assert case.dataset.sensor.anti_alias.hz < rate / 2
 
 
-def test_wear_goes_with_length_and_drift_with_the_clock(study):
+def test_wear_goes_with_length_and_drift_with_the_clock():
     even = study.make("saw", {}, 7)
     worn = study.make("saw", {"flank_wear": "strong"}, 7)
     grown = [
@@ -202,7 +180,7 @@ def test_wear_goes_with_length_and_drift_with_the_clock(study):
         np.testing.assert_allclose(trial.force_n.mean(0) - bias, warm * drift["drift_n"], atol=0.02)
 
 
-def test_bad_input_is_said(study):
+def test_bad_input_is_said():
     with pytest.raises(ValueError, match="expected one of"):
         study.make("lathe", {}, 0)
     with pytest.raises(ValueError, match="correct the name"):

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def load():
-    """Loads a module of the benchmarks by name."""
-    sys.path.insert(0, str(ROOT))
-    yield lambda name: importlib.import_module(f"benchmarks.{name}")
-    sys.path.remove(str(ROOT))
+from benchmarks import tracing_study as study
+from benchmarks.study import cases, isolability, peers, scoring, strengths, tables
+from benchmarks.study import designs as generator
 
 
 def verdict(*names, tied=(), second=None, **parameters):
@@ -53,16 +44,14 @@ PAIR = ["radial_runout", "flank_wear"]
         ("outside", ["gain_switching"], verdict("flank_wear"), False, False, False, True),
     ],
 )  # fmt: skip
-def test_marks(load, kind, hidden, said, top1, top2, refused, wrong):
-    cases, scoring = load("study.cases"), load("study.scoring")
+def test_marks(kind, hidden, said, top1, top2, refused, wrong):
     inside = {name: {} for name in hidden if name != "gain_switching"}
     truth = {"effects": {name: {"offset_m": 1.0, "kappa_n_m2": [1.0]} for name in inside}}
     row = scoring.marked(cases.Question(kind, "saw", tuple(hidden), "medium", 0), truth, said)
     assert (row["top1"], row["top2"], row["refused"], row["wrong"]) == (top1, top2, refused, wrong)
 
 
-def test_parameter_error_and_coverage(load):
-    cases, scoring = load("study.cases"), load("study.scoring")
+def test_parameter_error_and_coverage():
     told = {"offset_m": {"value": 1.1e-5, "low": 1.05e-5, "high": 1.2e-5, "unit": "m"}}
     said = verdict("radial_runout", radial_runout=told)
     question = cases.Question("single", "saw", ("radial_runout",), "medium", 0)
@@ -82,13 +71,11 @@ def test_parameter_error_and_coverage(load):
     assert row["parameters"]["unequal_pitch"]["relative_error"] < 0.02
 
 
-def test_cases_are_distinct_and_can_be_made(load):
-    cases = load("study.cases")
+def test_cases_are_distinct_and_can_be_made():
     every = list(cases.questions(["mill", "saw", "drill", "turning"], [0]))
     assert len({each.key for each in every}) == len(every) > 200
     chosen = list(cases.questions(["saw"], [0, 1], ["radial_runout", "nothing"]))
     assert {each.effects for each in chosen} == {("radial_runout",), ()} and len(chosen) == 8
-    strengths, generator = load("study.strengths"), load("study.designs")
     for each in every:
         if each.seed == 0 and each.strength in ("medium", "strong"):
             session = generator.plan(each.design, 0, each.effects)
@@ -96,8 +83,7 @@ def test_cases_are_distinct_and_can_be_made(load):
                 assert strengths.draw(name, session, each.strength, np.random.default_rng(0))
 
 
-def test_a_log_cut_short_is_read_and_a_repeated_case_counts_once(load, tmp_path):
-    study, tables = load("tracing_study"), load("study.tables")
+def test_a_log_cut_short_is_read_and_a_repeated_case_counts_once(tmp_path):
     row = {
         "key": "k", "kind": "single", "design": "saw", "effects": ["radial_runout"], "strength": "weak",
         "seed": 0, "verdict": "explained", "named": ["radial_runout"], "top1": True, "top2": True,
@@ -113,19 +99,19 @@ def test_a_log_cut_short_is_read_and_a_repeated_case_counts_once(load, tmp_path)
     assert (tmp_path / "map.png").stat().st_size > 5000
 
 
-def test_sparse_regression_keeps_the_true_terms_only(load):
+def test_sparse_regression_keeps_the_true_terms_only():
     rng = np.random.default_rng(0)
     library = rng.normal(size=(4000, 12))
     target = np.stack([2.0 * library[:, 3] - library[:, 7], 0.5 * library[:, 1]], axis=1)
-    weights = load("study.peers").stlsq(library, target + 0.05 * rng.normal(size=target.shape))
+    weights = peers.stlsq(library, target + 0.05 * rng.normal(size=target.shape))
     assert set(np.flatnonzero(weights[:, 0])) == {3, 7} and set(np.flatnonzero(weights[:, 1])) == {1}
     np.testing.assert_allclose(weights[[3, 7], 0], [2.0, -1.0], atol=0.01)
 
 
-def test_isolability_tells_what_a_session_can_show(load):
+def test_isolability_tells_what_a_session_can_show():
     """Ploughing hides in the edge constants and looks like the size effect; runout and periodicity do not."""
     names = ("radial_runout", "size_effect", "ploughing", "material_periodicity")
-    found = load("study.isolability").isolability("mill", 0, "medium", names)
+    found = isolability.isolability("mill", 0, "medium", names)
     assert found["ploughing"]["survival"] < 0.2 and found["size_effect"]["survival"] < 0.35
     assert found["ploughing"]["nearest"] == "size_effect" and found["ploughing"]["cosine"] > 0.3
     assert found["radial_runout"]["survival"] > 0.8 and found["material_periodicity"]["survival"] > 0.95
