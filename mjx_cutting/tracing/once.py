@@ -189,7 +189,7 @@ def _steady(
     lines = compress(dataset, band_hz)
     found = search(posed(dataset, lines), lines, kinds, folds(dataset, seed), progress)
     problem = found.problem
-    base_model, model = (_named(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
+    base_model, model = (for_use(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
     before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
     bias = shared_bias(problem, found.final_fit.x)
     after = predictions(dataset, lines, problem, model, bias)
@@ -256,7 +256,7 @@ def _on_the_whole(
     return tuple(after), HeldOut(np.maximum(error, 0.0), np.stack(energy), None, rest.search.final.fold)
 
 
-def _named(dataset: Dataset, model: ForceModel) -> ForceModel:
+def for_use(dataset: Dataset, model: ForceModel) -> ForceModel:
     """The model with the tool's full axial resolution and plain numbers, as others will use it."""
     shape = dataset.tool
     tool = Tool(shape.kind, shape.teeth, float(shape.diameter_m), float(shape.helix_rad))

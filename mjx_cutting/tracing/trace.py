@@ -24,10 +24,11 @@ from mjx_cutting.tracing.isolability import isolability
 from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.lines import trusted_band
 from mjx_cutting.tracing.measured_path import pose_on_path, steady_cuts
-from mjx_cutting.tracing.once import Pass, once
+from mjx_cutting.tracing.once import Pass, for_use, once
 from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.selfexcited import find_vibration
 from mjx_cutting.tracing.sheet import inside_the_sheet
+from mjx_cutting.tracing.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.verdict import TIED, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
@@ -40,12 +41,14 @@ class Tracing(Pass):
         dataset: the trials, cut down to where the tool is in the sheet if they went beyond it.
         depends_before, depends_after: what the two residuals depend on.
         verdict: the dictionary written to verdict.json.
+        unnamed: the factor fitted where no named effect explains what is left; `model` holds it too.
         caveats: what else limits the conclusions, in words.
     """
 
     depends_before: tuple[Dependence, ...]
     depends_after: tuple[Dependence, ...]
     verdict: dict[str, Any]
+    unnamed: Unnamed | None = None
     caveats: tuple[str, ...] = ()
 
 
@@ -109,11 +112,16 @@ def trace(
         )
         if reading is not None:
             word["remaining"]["description"] += f"; {reading}"
+        unnamed = None if found.along else unnamed_gain(found.search, found.lines, depends_after)
+        if unnamed is not None:
+            found = replace(found, model=for_use(found.dataset, unnamed.model))
+            word["remaining"]["description"] += f"; {unnamed}"
     return Tracing(
         **vars(found),
         depends_before=depends_before,
         depends_after=depends_after,
         verdict=word,
+        unnamed=unnamed,
         caveats=_caveats(found, reading),
     )
 

@@ -105,7 +105,7 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
     missing = []
     slow = {kind.name for kind in KINDS}
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    for name in effect_names():
+    for name in _physical():
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
         if absent:
             missing.append({"name": name, "needs": ", ".join(absent)})
@@ -127,7 +127,12 @@ def _shows_in_levels(kind: type[AbstractEffect]) -> bool:
 def testable(dataset: Dataset) -> list[type[AbstractEffect]]:
     """Effects tried without being asked for: all registered ones that these trials can test."""
     absent = {entry["name"] for entry in not_testable(dataset)}
-    return [effect_class(name) for name in effect_names() if name not in absent]
+    return [effect_class(name) for name in _physical() if name not in absent]
+
+
+def _physical() -> list[str]:
+    """Names of the effects that are causes."""
+    return [name for name in effect_names() if effect_class(name).physical]
 
 
 def has(dataset: Dataset, need: str) -> bool:

@@ -32,6 +32,7 @@ from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple
 from mjx_cutting.cutting.effects.unbalance import Unbalance
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
+from mjx_cutting.cutting.effects.unnamed_gain import UnnamedGain
 
 __all__ = [
     "STAGES",
@@ -68,6 +69,7 @@ __all__ = [
     "TorqueRipple",
     "Unbalance",
     "UnequalPitch",
+    "UnnamedGain",
     "effect_class",
     "effect_names",
     "register",

@@ -102,6 +102,7 @@ class AbstractEffect(eqx.Module):
             arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
+        physical: False for a term that fits without saying why; tracing never names it.
         signature: one sentence, what it leaves in a residual.
         confused_with: other effects and what separates them from this one.
     """
@@ -116,6 +117,7 @@ class AbstractEffect(eqx.Module):
     coupled: ClassVar[bool] = False
     per_turn: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
+    physical: ClassVar[bool] = True
     signature: ClassVar[str] = ""
     confused_with: ClassVar[dict[str, str]] = {}
 
