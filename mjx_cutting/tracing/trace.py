@@ -122,12 +122,12 @@ def trace(
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading),
+        caveats=_caveats(found, reading, unnamed),
     )
 
 
-def _caveats(found: Pass, reading: Reading | None) -> tuple[str, ...]:
-    caveats = [] if reading is None else [str(reading)]
+def _caveats(found: Pass, *others: Reading | Unnamed | None) -> tuple[str, ...]:
+    caveats = [str(each) for each in others if each is not None]
     motion = found.search.problem.motion
     if motion is not None:
         moved_m = np.sqrt(2.0 * np.sum(np.abs(np.asarray(motion)[..., :2]) ** 2, axis=(1, 2)))

@@ -59,6 +59,7 @@ def test_a_law_nobody_modelled_is_fitted_and_left_unnamed(cause, conditions, tmp
     assert found.unnamed is not None and found.unnamed.over == conditions
     assert found.unnamed.after.nrmse < 0.3 * verdict["before"]["heldout_nrmse"]
     assert "unnamed factor" in verdict["remaining"]["description"]
+    assert any("unnamed factor" in each for each in found.caveats)
     save(found, tmp_path)
     model = ForceModel.from_dict(json.loads((tmp_path / "model.json").read_text()))
     assert [type(each) for each in model.effects] == [UnnamedGain]
