@@ -11,6 +11,8 @@ import numpy as np
 from .strengths import LEVELS
 
 Row = dict[str, Any]
+TOLERANCE = 0.003
+AT_FLOOR = 1.1
 _SHARES = ("top1", "top2", "refused", "wrong")
 
 
@@ -29,6 +31,7 @@ def gathered(rows: Sequence[Row]) -> dict[str, Any]:
             for (kind, design, name, strength), members in sorted(groups.items())
         ],
         "clear": _rates([row for row in good if _clear(row)]),
+        "clear_and_large": _rates([row for row in good if _clear(row) and _large(row)]),
         "overall": {
             kind: _rates([r for r in good if r["kind"] == kind]) for kind in sorted({r["kind"] for r in good})
         },
@@ -44,6 +47,11 @@ def _clear(row: Row) -> bool:
     )
 
 
+def _large(row: Row) -> bool:
+    """Whether the effect is more of the force than any model's own calculation may be off."""
+    return bool(row["before"] ** 2 - row["floor"] ** 2 > TOLERANCE**2)
+
+
 def _rates(rows: Sequence[Row]) -> dict[str, Any]:
     if not rows:
         return {"sessions": 0}
@@ -56,6 +64,7 @@ def _rates(rows: Sequence[Row]) -> dict[str, Any]:
         "before": _middle(row["before"] for row in rows),
         "after": _middle(row["after"] for row in rows),
         "floor": _middle(row["floor"] for row in rows),
+        "at_floor": float(np.mean([row["after"] <= AT_FLOOR * row["floor"] for row in rows])),
         "seen_over_noise": _middle(row.get("seen_over_noise") for row in rows),
         "seconds": _middle(row.get("seconds") for row in rows),
         "named": _counted(name for row in rows for name in (row["named"] or ["-"])),
@@ -109,10 +118,11 @@ def printed(found: dict[str, Any]) -> str:
         cells += [_number(each[word], 8, digits) for word, digits in numbers.items()]
         head = f"{each['design']:8s} {each['effect']:34s} {each['strength']:8s} {each['sessions']:3d} "
         lines.append(head + " ".join(cells) + "  " + named)
-    for kind, rates in {"single, isolable": found["clear"], **found["overall"]}.items():
+    clear = {"single, isolable": found["clear"], "of these above .3 % of the force": found["clear_and_large"]}
+    for kind, rates in {**clear, **found["overall"]}.items():
         if not rates["sessions"]:
             continue
-        shares = " ".join(f"{word} {_share(rates[word])}" for word in _SHARES)
+        shares = " ".join(f"{word} {_share(rates[word])}" for word in (*_SHARES, "at_floor"))
         lines.append(f"all {kind}: {rates['sessions']} sessions, {shares}")
     if found["peers"]:
         peers = [name for name in found["peers"][0] if name not in ("design", "effect", "sessions")]
@@ -146,7 +156,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
     rows = {d: sorted({each["effect"] for each in singles if each["design"] == d}) for d in designs}
     tall = max(map(len, rows.values()))
     figure, axes = plt.subplots(
-        1, len(designs), figsize=(3.6 * len(designs), 1.2 + 0.26 * tall), squeeze=False
+        1, len(designs), figsize=(3.6 * len(designs), 1.4 + 0.26 * tall), squeeze=False
     )
     pick: Callable[[str, str], dict[tuple[str, str], float]] = lambda design, word: {  # noqa: E731
         (each["effect"], each["strength"]): each[word] for each in singles if each["design"] == design
@@ -167,7 +177,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
                     text = f"{100 * values[name, level]:.0f}" + (f" ({100 * bad:.0f})" if bad else "")
                     colour = "black" if values[name, level] > 0.6 else "white"
                     axis.text(column, row, text, ha="center", va="center", fontsize=6, color=colour)
-    figure.suptitle("first name right, % of sessions (in brackets: a wrong name)", fontsize=9)
+    figure.suptitle("first name right, % of sessions\n(in brackets: a wrong name)", fontsize=9)
     figure.tight_layout()
     figure.savefig(path, dpi=150)
     plt.close(figure)
