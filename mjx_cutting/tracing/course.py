@@ -25,12 +25,13 @@ class Course:
 
     Fields:
         time_s: [T] from its start.
-        position_m: [T] along the path, measured or from the feed.
+        position_m: [T] along the path where what is sensed arose, `delay_s` before: measured or by the feed.
         feed_share: [T] measured feed over nominal, less one, held at no period; None where not measured.
         chip_n, edge_n: [T, 3] waves of the chip and the edge, N.
         left_n: [T, 3] measured less predicted, N.
         rate_hz, band_hz: sampling rate and the band compared.
         index: place among the cut trials; angle_rad: [T] angle of tooth 0 as fitted.
+        delay_s: by how much later the force is seen, behind the known anti-alias filter.
         apart: whether the steady model was fitted to records without what is looked for.
     """
 
@@ -45,6 +46,7 @@ class Course:
     index: int = 0
     angle_rad: Array = field(default_factory=lambda: np.zeros(0))
     apart: bool = False
+    delay_s: float = 0.0
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""
@@ -76,6 +78,15 @@ def along_path(trial: Trial) -> Array:
         step = np.diff(time, prepend=time[0])
         return np.cumsum(trial.feed_speed_measured_m_s * step)
     return trial.feed_speed_m_s * time
+
+
+def felt_at(trial: Trial, delay_s: float) -> Array:
+    """[T] position along the path, m, a while before each sample; as if the trial had begun sooner."""
+    place, time = along_path(trial), trial.time_s
+    sooner = np.interp(time - delay_s, time, place)
+    before = time - delay_s < time[0]
+    sooner[before] = place[0] - trial.feed_speed_m_s * (delay_s - (time[before] - time[0]))
+    return sooner
 
 
 def feeds_differ(feeds_m_s: Sequence[float]) -> bool:

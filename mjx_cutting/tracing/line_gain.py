@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor
 
 
 def line_gain(
@@ -20,11 +20,24 @@ def line_gain(
     return _filter_gain(dataset, frequency) * _helix_gain(dataset, width_m, orders)
 
 
+def filter_delay_s(sensor: Sensor) -> float:
+    """[] by how much later what is slow against the known anti-alias filter is seen behind it."""
+    alias = sensor.anti_alias
+    if alias is None or alias.zero_phase:
+        return 0.0
+    return float(-np.sum((1.0 / _poles(alias)).real) / (2.0 * np.pi * alias.hz))
+
+
+def _poles(alias: AntiAlias) -> np.ndarray[Any, Any]:
+    """[order] poles of a Butterworth low-pass of corner 1 rad/s."""
+    return np.exp(1j * np.pi * (2 * np.arange(1, alias.order + 1) + alias.order - 1) / (2 * alias.order))
+
+
 def _filter_gain(dataset: Dataset, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     alias = dataset.sensor.anti_alias
     if alias is None:
         return np.ones_like(frequency, dtype=complex)
-    poles = np.exp(1j * np.pi * (2 * np.arange(1, alias.order + 1) + alias.order - 1) / (2 * alias.order))
+    poles = _poles(alias)
     gain = np.prod(-poles / (1j * frequency[..., None] / alias.hz - poles), axis=-1)
     return np.abs(gain) ** 2 + 0j if alias.zero_phase else gain
 

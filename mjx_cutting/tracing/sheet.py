@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.course import Course, along_path
+from mjx_cutting.tracing.course import Course, along_path, felt_at
 from mjx_cutting.tracing.decision import chance_over_trials, decide, interval
 from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at
 from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.line_gain import filter_delay_s
 from mjx_cutting.tracing.lines import Lines, band_limit
 from mjx_cutting.tracing.once import Pass
 from mjx_cutting.tracing.part import part_of
@@ -122,7 +123,7 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
         if trial.kind != "cut":
             trials.append(trial)
             continue
-        place = along_path(trial)
+        place = felt_at(trial, filter_delay_s(dataset.sensor))
         inside = np.flatnonzero((place >= ends[0] + reach_m[cuts]) & (place <= ends[1]))
         turns = len(inside) / dataset.sensor.sample_rate_hz * trial.spindle_speed_rev_s
         if len(inside) < least or turns < _LEAST_TURNS:
@@ -201,7 +202,7 @@ def _outside(dataset: Dataset, inside: Pass) -> tuple[list[Course], list[Ramps]]
         courses.append(
             Course(
                 time_s=trial.time_s - trial.time_s[0],
-                position_m=along_path(trial),
+                position_m=felt_at(trial, filter_delay_s(dataset.sensor)),
                 feed_share=None,
                 chip_n=np.zeros_like(measured),
                 edge_n=measured,

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
-from mjx_cutting.tracing.course import Course, along_path
+from mjx_cutting.tracing.course import Course, felt_at
 from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance_over_trials, decide, interval
 from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.line_gain import filter_delay_s
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.prediction import Prediction, wave
 from mjx_cutting.tracing.problem import Problem, model_lines
@@ -35,7 +36,7 @@ from mjx_cutting.trials.dataset import Dataset
 MOST_SLOW = 3
 _HATS = 24
 _SHARE_OF_FREE = 0.7
-_ZOOMS = (1.0, 6.0, 36.0)
+_ZOOMS = (1.0, 6.0, 36.0, 216.0)
 Array = NDArray[np.floating]
 
 
@@ -82,7 +83,7 @@ def courses(
     )
     chip_lines, whole_lines = np.asarray(parts)
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
-    found = []
+    delay_s, found = filter_delay_s(dataset.sensor), []
     for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
         chip_n = wave(lines, index, each.angle_rad, chip_lines[index], dataset.sensor.sample_rate_hz)
         whole_n = wave(lines, index, each.angle_rad, whole_lines[index], dataset.sensor.sample_rate_hz)
@@ -90,7 +91,7 @@ def courses(
         found.append(
             Course(
                 time_s=each.time_s,
-                position_m=along_path(trial),
+                position_m=felt_at(trial, delay_s),
                 feed_share=None if measured is None else measured / trial.feed_speed_m_s - 1.0,
                 chip_n=chip_n,
                 edge_n=whole_n - chip_n,
@@ -99,6 +100,7 @@ def courses(
                 band_hz=lines.band_hz,
                 index=index,
                 angle_rad=each.angle_rad,
+                delay_s=delay_s,
             )
         )
     return tuple(found)

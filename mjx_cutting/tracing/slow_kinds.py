@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
+from mjx_cutting.cutting.effects.layered_material import BORDER_M
 from mjx_cutting.tracing.course import Course, feeds_differ
 from mjx_cutting.tracing.shapes import Sums, harmonic_sums, profiled_sums, sums
 
@@ -139,7 +140,7 @@ def _layers(courses: Sequence[Course]) -> Array:
 
 def _inside(place_m: Array, start_m: Array, length_m: Array) -> Array:
     since = place_m - start_m
-    return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / _BORDER_M, 0.0, 1.0))
+    return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / BORDER_M, 0.0, 1.0))
 
 
 def _layer(course: Course, shape: Array) -> Array:
@@ -221,7 +222,7 @@ def _stairs(courses: Sequence[Course]) -> Array:
 
 def _stair(course: Course, shape: Array) -> Array:
     assert course.feed_share is not None
-    period = np.floor(course.time_s / shape[0] + 1e-6)
+    period = np.floor((course.time_s - course.delay_s) / shape[0] + 1e-6)
     first = np.searchsorted(period, period)
     return (course.feed_share[first][:, None] * course.chip_n)[..., None]
 
@@ -231,7 +232,6 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
 
 
 _MOST_SHAPES = 2000
-_BORDER_M = 1e-4
 _FEWEST_WAVES = 2.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.03

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from mjx_cutting.tracing.course import Course
+from mjx_cutting.tracing.course import Course, along_path, felt_at
 from mjx_cutting.tracing.heldout import HeldOut
+from mjx_cutting.tracing.line_gain import filter_delay_s
 from mjx_cutting.tracing.slow import search_slow
+from mjx_cutting.trials.dataset import AntiAlias, Sensor, Trial
 
 RATE_HZ, SECONDS, TRIALS = 500.0, 4.0, 6
 FEEDS = (0.008, 0.010, 0.0125, 0.015, 0.018, 0.02)
@@ -130,3 +133,26 @@ def test_what_a_model_may_be_off_anyway_is_not_named():
     trials, before = _trials(lambda s, i: 0.3 * np.cos(2 * np.pi * s / 6e-3 + 0.5))
     (first, *_) = search_slow(trials, before, np.full(3, 1.0 / NOISE_N), tolerance=0.5)
     assert first.accepted is None and "accounts for" in first.candidates[0].decision.reasons[0]
+
+
+def test_places_are_those_where_the_force_arose_before_the_filter():
+    sensor = Sensor(1000.0, anti_alias=AntiAlias(order=4, hz=200.0))
+    delay = filter_delay_s(sensor)
+    frequency, response = signal.freqs(*signal.butter(4, 2.0 * np.pi * 200.0, analog=True), worN=[1e-3, 2e-3])
+    expected = -float(np.diff(np.angle(response))[0] / np.diff(frequency)[0])
+    assert delay == pytest.approx(expected, rel=1e-4)
+    assert filter_delay_s(Sensor(1000.0, anti_alias=AntiAlias(zero_phase=True))) == 0.0
+    assert filter_delay_s(Sensor(1000.0)) == 0.0
+    time = 0.5 + np.arange(400) / 1000.0
+    trial = Trial(
+        file="t.csv",
+        kind="cut",
+        milling="slot",
+        spindle_speed_rev_s=20.0,
+        feed_speed_m_s=0.01,
+        radial_depth_m=0.016,
+        axial_width_m=0.002,
+        time_s=time,
+        force_n=np.zeros((400, 3)),
+    )
+    np.testing.assert_allclose(felt_at(trial, delay), along_path(trial) - 0.01 * delay, atol=1e-12)

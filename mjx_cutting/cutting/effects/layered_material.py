@@ -1,8 +1,8 @@
 """Layered material: the force steps where the path crosses into another layer, an inclusion or a void.
 
-k -> k (1 + change) for positions between start and start + length, with the borders smoothed over a tenth of
-a millimetre. For several layers give the model several of these. Signature: one-sided steps at fixed
-positions, heavy tails. Confused with the entry into the sheet, which is elsewhere.
+k -> k (1 + change) for positions between start and start + length, with the borders smoothed over 20 um,
+less than a tooth advances. For several layers give the model several of these. Signature: one-sided steps at
+fixed positions, heavy tails. Confused with the entry into the sheet, which is elsewhere.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mjx_cutting.cutting.tool import Tool
 if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
-_BORDER_M = 1e-4
+BORDER_M = 2e-5
 
 
 @register
@@ -53,7 +53,7 @@ class LayeredMaterial(AbstractEffect):
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         since = jnp.asarray(cut.position_m) - self.start_m
         within = jnp.minimum(since, jnp.asarray(self.length_m) - since)
-        factor = (1.0 + self.change * jnp.clip(0.5 + within / _BORDER_M, 0.0, 1.0))[..., None, None, None]
+        factor = (1.0 + self.change * jnp.clip(0.5 + within / BORDER_M, 0.0, 1.0))[..., None, None, None]
         return EdgeForce(force.chip * factor, force.edge * factor)
 
     @classmethod
