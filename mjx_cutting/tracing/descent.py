@@ -29,7 +29,7 @@ _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
 _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
-_PROMISE = 1e-2
+_GLANCE = (1e-2, 1e-1, 1.0)
 Matrix = NDArray[np.floating]
 
 
@@ -104,24 +104,28 @@ class Descent:
             moved = list(self.rows(beside).left)
         return left, np.transpose(np.asarray(moved) - left) / _STEP
 
-    def promise(self, starts: Matrix, known: Matrix) -> Matrix:
-        """[n] sum of squares that one damped step from each of `starts` [n, U] promises, by linear models.
+    def glance(self, starts: Matrix, known: Matrix) -> Matrix:
+        """[n] sum of squares after the best of a few damped steps from each of `starts` [n, U].
+
+        The steps are taken, because linear models promise what a resonance far from its place does not keep.
 
         Arguments: `known` [M + B', K] Jacobian in the first K unknowns, which the starts share, without the
             last effect's penalties.
         """
         size = starts.shape[1] - known.shape[1]
-        steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size)])
-        tries = starts[:, None] + np.pad(steps, ((0, 0), (known.shape[1], 0)))
+        nearby = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size)])
+        tries = starts[:, None] + np.pad(nearby, ((0, 0), (known.shape[1], 0)))
         left = self.rows(tries.reshape(-1, starts.shape[1])).left.reshape(*tries.shape[:2], -1)
         known = np.pad(known, ((0, left.shape[-1] - len(known)), (0, 0)))
-        promised = []
+        steps = []
         for here, *beside in left:
             slope = np.column_stack([known, np.transpose(np.asarray(beside) - here) / _STEP])
             normal, gradient = slope.T @ slope, slope.T @ here
-            step = np.linalg.solve(normal + _PROMISE * _scale(normal), gradient)
-            promised.append(float(np.sum((here - slope @ step) ** 2)))
-        return np.asarray(promised)
+            scale = _scale(normal)
+            steps.append([np.linalg.solve(normal + damping * scale, gradient) for damping in _GLANCE])
+        tries = starts[:, None] - np.asarray(steps)
+        reached = np.sum(self.rows(tries.reshape(-1, starts.shape[1])).left ** 2, axis=1)
+        return np.minimum(reached.reshape(len(starts), -1).min(axis=1), np.sum(left[:, 0] ** 2, axis=1))
 
     def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
         """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""

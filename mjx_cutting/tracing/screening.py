@@ -1,10 +1,10 @@
 """A first look at every effect of the library: a short fit of each beside the model so far, to choose which
 are worth a full one, and what of each the trials could show at all.
 
-Each effect descends a few steps from its most promising starts, then further from the best (`descent`). The
-same numbers give the two figures of an isolability analysis: how much of an effect's mark on the lines
-survives refitting what is in the model already (phases and biases with it), and the cosine between what
-survives of two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
+Each effect descends a few steps from those starts that a first one brings lowest, then further from the best
+(`descent`). The same numbers give the two figures of an isolability analysis: how much of an effect's mark on
+the lines survives refitting what is in the model already (phases and biases with it), and the cosine between
+what survives of two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _screen(
     span = np.linalg.qr(slope[: so_far.measured])[0]
     starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
     if len(starts) > _TRIED:
-        starts = starts[np.argsort(both.promise(starts, slope))[:_TRIED]]
+        starts = starts[np.argsort(both.glance(starts, slope))[:_TRIED]]
     tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
     best, reached = both.descend(tries[0][0], _STEPS)
     share = max(0.0, 1.0 - reached / max(squares, 1e-300))
