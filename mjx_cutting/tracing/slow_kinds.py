@@ -223,7 +223,7 @@ def _stairs(courses: Sequence[Course]) -> Array:
 def _stair(course: Course, shape: Array) -> Array:
     assert course.feed_share is not None
     period = np.floor((course.time_s - course.delay_s) / shape[0] + 1e-6)
-    first = np.searchsorted(period, period)
+    first = np.minimum(np.searchsorted(course.time_s, period * shape[0] - 1e-6), len(period) - 1)
     return (course.feed_share[first][:, None] * course.chip_n)[..., None]
 
 
