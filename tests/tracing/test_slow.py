@@ -10,6 +10,7 @@ from mjx_cutting.tracing.course import Course, along_path, felt_at
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.line_gain import filter_delay_s
 from mjx_cutting.tracing.slow import search_slow
+from mjx_cutting.tracing.slow_kinds import KINDS
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, Trial
 
 RATE_HZ, SECONDS, TRIALS = 500.0, 4.0, 6
@@ -156,3 +157,12 @@ def test_places_are_those_where_the_force_arose_before_the_filter():
         force_n=np.zeros((400, 3)),
     )
     np.testing.assert_allclose(felt_at(trial, delay), along_path(trial) - 0.01 * delay, atol=1e-12)
+
+
+def test_a_stair_holds_the_feed_of_its_own_beginning_and_is_felt_later():
+    time = np.arange(100) / RATE_HZ
+    one = np.ones((100, 3))
+    course = Course(time, 0.01 * time, time, one, one, one, RATE_HZ, (0.0, 200.0), delay_s=0.004)
+    (stair,) = (each for each in KINDS if each.name == "command_stair")
+    held = np.maximum(0.02 * np.floor((time - 0.004) / 0.02 + 1e-6), 0.0)
+    np.testing.assert_allclose(stair.columns(course, np.array([0.02]))[:, 1, 0], held, atol=1e-12)
