@@ -34,18 +34,16 @@ class Sums:
 def sums(columns: Callable[[Course, Array], Array], courses: Sequence[Course], shapes: Array) -> Sums:
     """Sufficient statistics over shapes [P, d] of `columns`, [T, 3, k] at one shape, less what each trial can
     imitate (`Course.same`)."""
-    squares, products = [], []
-    for course in courses:
-        known, own = _known(course)
+
+    def products(course: Course, known: Array) -> tuple[Array, Array]:
         square, cross = [], []
         for shape in shapes:
             turned = np.ascontiguousarray(np.transpose(columns(course, shape), (1, 2, 0)))
             square.append(turned @ np.swapaxes(turned, 1, 2))
             cross.append(turned @ known)
-        found = _less_same(np.stack(square), np.stack(cross), own, course.apart)
-        squares.append(found[0])
-        products.append(found[1])
-    return Sums(np.stack(squares), np.stack(products))
+        return np.stack(square), np.stack(cross)
+
+    return _by_trial(courses, products)
 
 
 def profiled_sums(
@@ -64,9 +62,8 @@ def profiled_sums(
         carrier: [T, 3] the wave.
         profile: [P, B] at places [B], of shapes [P, d].
     """
-    squares, products = [], []
-    for course in courses:
-        known, own = _known(course)
+
+    def products(course: Course, known: Array) -> tuple[Array, Array]:
         place, wave = along(course), np.transpose(carrier(course))
         edges = _blocks(len(place), _MOST_BLOCKS)
         energy = np.transpose(np.add.reduceat(wave**2, edges, axis=1))
@@ -77,10 +74,9 @@ def profiled_sums(
             parts.append((share**2 @ energy, share @ beside.reshape(len(mean), -1)))
         square, cross = (np.concatenate(side) for side in zip(*parts, strict=True))
         cross = cross.reshape(len(shapes), *beside.shape[1:])
-        found = _less_same(square[..., None, None], cross[:, :, None], own, course.apart)
-        squares.append(found[0])
-        products.append(found[1])
-    return Sums(np.stack(squares), np.stack(products))
+        return square[..., None, None], cross[:, :, None]
+
+    return _by_trial(courses, products)
 
 
 def harmonic_sums(
@@ -98,9 +94,8 @@ def harmonic_sums(
         along: [T] u, in 1 / the unit of frequency.
         carriers: [T, 3, c] the waves c_i.
     """
-    squares, products = [], []
-    for course in courses:
-        known, own = _known(course)
+
+    def products(course: Course, known: Array) -> tuple[Array, Array]:
         place, wave = along(course), np.moveaxis(carriers(course), 0, -1)
         beside = wave[..., None] * known[:, None]  # [3, c, T, q + 1]
         pairs = wave[:, :, None] * wave[:, None]  # [3, c, c, T]
@@ -110,11 +105,21 @@ def harmonic_sums(
         upper = np.concatenate([level + twice.real, twice.imag], axis=-1)
         lower = np.concatenate([twice.imag, level - twice.real], axis=-1)
         square = 0.5 * np.concatenate([upper, lower], axis=-2)
-        cross = np.concatenate([once.real, once.imag], axis=2)
-        found = _less_same(square, cross, own, course.apart)
+        return square, np.concatenate([once.real, once.imag], axis=2)
+
+    return _by_trial(courses, products)
+
+
+def _by_trial(courses: Sequence[Course], products: Callable[[Course, Array], tuple[Array, Array]]) -> Sums:
+    """The sums from C^T C [P, 3, k, k] and C^T (Q, e) [P, 3, k, q + 1] of the columns C of each trial, given
+    the trial and (Q, e) [3, T, q + 1]."""
+    squares, cross = [], []
+    for course in courses:
+        known, own = _known(course)
+        found = _less_same(*products(course, known), own, course.apart)
         squares.append(found[0])
-        products.append(found[1])
-    return Sums(np.stack(squares), np.stack(products))
+        cross.append(found[1])
+    return Sums(np.stack(squares), np.stack(cross))
 
 
 def _turned(place: Array, value: Array, frequency: Array) -> NDArray[np.complexfloating]:
