@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting.tracing.blocks import block_edges, block_means
 from mjx_cutting.tracing.course import Course
 
 _PHASES = 256
@@ -65,10 +66,10 @@ def profiled_sums(
 
     def products(course: Course, known: Array) -> tuple[Array, Array]:
         place, wave = along(course), np.transpose(carrier(course))
-        edges = _blocks(len(place), _MOST_BLOCKS)
+        edges = block_edges(len(place), _MOST_BLOCKS)
         energy = np.transpose(np.add.reduceat(wave**2, edges, axis=1))
         beside = np.add.reduceat(wave[..., None] * known, edges, axis=1).swapaxes(0, 1)
-        parts, mean = [], _means(place, edges)
+        parts, mean = [], block_means(place, edges)
         for first in range(0, len(shapes), _SHAPES_AT_ONCE):
             share = profile(mean, shapes[first : first + _SHAPES_AT_ONCE])
             parts.append((share**2 @ energy, share @ beside.reshape(len(mean), -1)))
@@ -134,8 +135,8 @@ def _turned(place: Array, value: Array, frequency: Array) -> NDArray[np.complexf
         members = np.flatnonzero(group == each)
         middle = 0.5 * (frequency[members].min() + frequency[members].max())
         away = frequency[members] - middle
-        edges = _blocks(len(place), int(_BLOCKS_A_CYCLE * (1.0 + span * float(np.abs(away).max()))))
-        mean = _means(place, edges)
+        edges = block_edges(len(place), int(_BLOCKS_A_CYCLE * (1.0 + span * float(np.abs(away).max()))))
+        mean = block_means(place, edges)
         within = place - np.repeat(mean, np.diff(edges, append=len(place)))
         turned = flat * np.exp(-2j * np.pi * middle * place)
         slow = np.exp(-2j * np.pi * np.multiply.outer(away, mean))
@@ -143,16 +144,6 @@ def _turned(place: Array, value: Array, frequency: Array) -> NDArray[np.complexf
         level, slope = (np.add.reduceat(each, edges, axis=1).T for each in (turned, turned * within))
         found[np.ix_(members, live)] = slow @ level - 2j * np.pi * away[:, None] * (slow @ slope)
     return found.reshape(len(frequency), *value.shape[:-1])
-
-
-def _blocks(samples: int, most: int) -> NDArray[np.int64]:
-    """Where blocks of nearly equal length begin, at most as many as there are samples."""
-    return np.linspace(0, samples, min(most, samples), endpoint=False).astype(int)
-
-
-def _means(value: Array, edges: NDArray[np.int64]) -> Array:
-    """[B] mean of `value` [T] over each block."""
-    return np.asarray(np.add.reduceat(value, edges) / np.diff(edges, append=len(value)))
 
 
 def _known(course: Course) -> tuple[Array, Array]:

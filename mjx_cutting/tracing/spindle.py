@@ -23,6 +23,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import nnls
 
 from mjx_cutting.cutting import arc
+from mjx_cutting.tracing.blocks import block_edges, block_means
 from mjx_cutting.trials.dataset import ToolInfo, Trial
 
 Array = NDArray[np.floating]
@@ -259,8 +260,8 @@ def _energy_near(
 
     The record is turned back by the speed given; what then turns slowly is summed over blocks of time.
     """
-    edges = np.linspace(0, len(time), min(_BLOCKS, len(time)), endpoint=False).astype(int)
-    middle = np.add.reduceat(time, edges) / np.diff(edges, append=len(time))
+    edges = block_edges(len(time), _BLOCKS)
+    middle = block_means(time, edges)
     turned = _wave(time, orders * speed_rev_s)[..., None] * signal
     sums = np.add.reduceat(turned, edges, axis=1)
     weights = _weights(orders, teeth)

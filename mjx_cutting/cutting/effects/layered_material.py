@@ -1,8 +1,8 @@
 """Layered material: the force steps where the path crosses into another layer, an inclusion or a void.
 
-k -> k (1 + change) for positions between start and start + length, with the borders smoothed over 20 um,
-less than a tooth advances. For several layers give the model several of these. Signature: one-sided steps at
-fixed positions, heavy tails. Confused with the entry into the sheet, which is elsewhere.
+k -> k (1 + change) for positions between start and start + length, with the borders smoothed over 20 um.
+For several layers give the model several of these. Signature: one-sided steps at fixed positions, heavy
+tails. Confused with the entry into the sheet, which is elsewhere.
 """
 
 from __future__ import annotations
