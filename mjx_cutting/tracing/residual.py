@@ -105,6 +105,11 @@ def _solve_trial(
         return Residual(unbiased(remaining) * weight, left, jnp.zeros(()), bias + shared)
     still = jax.lax.stop_gradient(lines)
     start = _best_phase(still, whitened, factor, weight)
+    teeth, turned = problem.tool.teeth, _turned(still, start)
+    of_all = (np.arange(len(still)) % teeth == 0)[:, None]
+    alike = _real(jnp.where(of_all, turned, 0.0), present).at[0].add(shared)
+    apart = without_bias(whitened - factor.T @ alike)
+    start = start + _whole_teeth(jnp.where(of_all, 0.0, turned), apart, factor, weight, teeth)
     columns = _derivatives(_real(_turned(still, start), present), _TERMS)
     columns[0] = columns[0].at[0].add(shared)
     now, *slopes = jnp.split(-factor.T @ jnp.concatenate(columns, axis=1), 1 + _TERMS, axis=1)
@@ -167,3 +172,17 @@ def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> 
     agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
     spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[1 : lines.shape[0]].set(agreement)
     return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
+
+
+def _whole_teeth(lines: Array, apart: Array, factor: Array, weight: Array, teeth: int) -> Array:
+    """Turn by whole teeth at which the lines that tell them apart agree best with the measured ones.
+
+    In a finite record the mean and the lines of tooth passing leak into the small ones between. So these,
+    `lines` [orders + 1, A], are compared with what a model of alike teeth leaves, `apart` [P, A] whitened.
+    """
+    order = np.arange(1, lines.shape[0])
+    product = factor @ apart
+    measured = product[1::2] - 1j * product[2::2]
+    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
+    tooth = np.arange(teeth)[:, None]
+    return 2.0 * jnp.pi / teeth * jnp.argmax((np.exp(-2j * np.pi / teeth * tooth * order) @ agreement).real)

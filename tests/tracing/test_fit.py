@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from mjx_cutting.tracing.fit import base_starts, effect_starts, fit, freedom, re
 from mjx_cutting.tracing.heldout import folds, held_out
 from mjx_cutting.tracing.lines import compress, trusted_band
 from mjx_cutting.tracing.problem import out_of_range, pose
-from mjx_cutting.tracing.residual import residual
+from mjx_cutting.tracing.residual import residual, residual_of_lines
 from mjx_cutting.trials.synthetic import Hidden
 
 
@@ -51,8 +53,6 @@ def test_error_by_lines_equals_error_by_samples(clean):
 
 
 def test_residual_does_not_depend_on_where_a_trial_begins(clean):
-    import dataclasses
-
     dataset, _, problem, found = clean
     later = [
         dataclasses.replace(trial, time_s=trial.time_s[:-700], force_n=trial.force_n[700:])
@@ -89,3 +89,30 @@ def test_runout_comes_back_with_its_direction(mill):
         apart = (float(runout.angle_rad) - 0.7) / (2 * np.pi / 4)
         assert abs(apart - round(apart)) < 0.05
         assert float(found.squares) < 0.02 * float(base.squares)
+
+
+def test_a_small_line_once_a_turn_tells_the_teeth_apart_beside_a_great_mean_that_leaks_into_it(mill):
+    teeth, orders, rate_hz = 4, 16, 2000.0
+    with jax.enable_x64(True):
+        dataset = mill()
+        cut = dataset.trials[0]
+        line = np.zeros((orders + 1, 3), complex)
+        line[0], line[1], line[teeth] = (0.0, 800.0, -500.0), (0.5j, 0.5, 0.0), (40.0, 30j, 5.0)
+        trials, truth = [], np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 24)
+        for index, phase in enumerate(truth):
+            # few turns, and no whole number of them
+            time = np.arange(1537) / rate_hz
+            angle = 2.0 * np.pi * cut.spindle_speed_rev_s * time + phase
+            turned = np.exp(1j * np.arange(orders + 1) * angle[:, None]) * np.r_[1.0, np.full(orders, 2.0)]
+            trials.append(
+                dataclasses.replace(cut, file=f"{index}.csv", time_s=time, force_n=np.real(turned @ line))
+            )
+        sensor = dataclasses.replace(dataset.sensor, sample_rate_hz=rate_hz, anti_alias=None)
+        cuts = dataclasses.replace(dataset, trials=tuple(trials), sensor=sensor)
+        speeds = np.full(len(trials), cut.spindle_speed_rev_s)
+        lines = compress(cuts, (0.0, 700.0), speeds, orders=orders)
+        model = line.copy()
+        model[0] *= 0.99
+        left = residual_of_lines(pose(cuts, lines), np.tile(model, (len(trials), 1, 1)))
+    apart = np.asarray(left.phase_rad) - truth
+    np.testing.assert_allclose(np.exp(1j * apart), 1.0, atol=0.02)
