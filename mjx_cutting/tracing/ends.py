@@ -25,7 +25,7 @@ from mjx_cutting.tracing.slow_kinds import Kind
 
 NAME = "entry_exit"
 NO_START_M, NO_END_M = -1.0, 1e3
-_KNOTS = 17
+_KNOTS = 33
 _STARTS = 25
 _FIRST, _LAST = 0.3, 0.45
 _EDGE = 0.05

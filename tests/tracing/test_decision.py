@@ -16,7 +16,15 @@ from mjx_cutting.cutting.effects import (
     StaticCompliance,
     UnequalPitch,
 )
-from mjx_cutting.tracing.decision import Interval, chance, decide, gain_over_trials, interval
+from mjx_cutting.tracing.decision import (
+    CHANCE,
+    Interval,
+    chance,
+    chance_over_trials,
+    decide,
+    gain_over_trials,
+    interval,
+)
 from mjx_cutting.tracing.heldout import HeldOut
 
 
@@ -176,3 +184,22 @@ def test_gain_of_two_trials_has_no_standard_error():
     ]
     gain, error = gain_over_trials(*pair)
     assert gain > 0 and np.isnan(error)
+
+
+def test_what_shows_in_every_trial_is_no_chance_though_one_trial_holds_most_of_the_force():
+    force = np.array([0.001, 0.003, 0.01, 0.02, 0.05, 0.2, 0.716])
+    before = _heldout((0.2 * force).tolist())
+    assert chance_over_trials(before, _heldout((0.01 * force).tolist()), 6) < 1e-6
+    lucky = 0.2 * force * np.array([1.1, 0.95, 1.02, 1.05, 0.99, 1.03, 0.05])
+    assert chance_over_trials(before, _heldout(lucky.tolist()), 6) > CHANCE
+
+
+@pytest.mark.parametrize(("unlike", "most"), [(0.0, 0.015), (1.0, 0.03)])
+def test_the_best_of_several_useless_candidates_is_rarely_thought_no_chance(unlike, most):
+    draw, called, times = np.random.default_rng(5), 0, 1000
+    for _ in range(times):
+        size = np.exp(draw.normal(0.0, unlike, 9))
+        before = _heldout(size.tolist())
+        tries = [_heldout((size * (1.0 + draw.normal(0.0, 0.05, 9))).tolist()) for _ in range(6)]
+        called += min(chance_over_trials(before, each, 6) for each in tries) < CHANCE
+    assert called <= most * times
