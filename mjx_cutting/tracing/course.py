@@ -32,6 +32,7 @@ class Course:
         rate_hz, band_hz: sampling rate and the band compared.
         index: place among the cut trials; angle_rad: [T] angle of tooth 0 as fitted.
         delay_s: by how much later the force is seen, behind the known anti-alias filter.
+        pitch_s: time from one tooth to the next.
         apart: whether the steady model was fitted to records without what is looked for.
     """
 
@@ -47,6 +48,7 @@ class Course:
     angle_rad: Array = field(default_factory=lambda: np.zeros(0))
     apart: bool = False
     delay_s: float = 0.0
+    pitch_s: float = 1e-3
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""

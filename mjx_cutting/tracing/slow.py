@@ -101,6 +101,7 @@ def courses(
                 index=index,
                 angle_rad=each.angle_rad,
                 delay_s=delay_s,
+                pitch_s=1.0 / (dataset.tool.teeth * each.speed_rev_s),
             )
         )
     return tuple(found)

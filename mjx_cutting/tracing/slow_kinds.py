@@ -222,9 +222,16 @@ def _stairs(courses: Sequence[Course]) -> Array:
 
 def _stair(course: Course, shape: Array) -> Array:
     assert course.feed_share is not None
-    period = np.floor((course.time_s - course.delay_s) / shape[0] + 1e-6)
-    first = np.minimum(np.searchsorted(course.time_s, period * shape[0] - 1e-6), len(period) - 1)
-    return (course.feed_share[first][:, None] * course.chip_n)[..., None]
+    period_s, time_s = float(shape[0]), course.time_s - course.delay_s
+    step = np.arange(int(course.time_s[-1] / period_s + 1e-6) + 1)
+    first = np.minimum(np.searchsorted(course.time_s, step * period_s - 1e-6), len(time_s) - 1)
+    held = course.feed_share[first]
+    # a tooth cuts what was fed since the one before it; what came before the record is as its beginning
+    earlier_s = course.delay_s + course.pitch_s
+    edges = np.concatenate([[-earlier_s], period_s * np.arange(len(step) + 1)])
+    fed = np.concatenate([[-earlier_s * held[0], 0.0], period_s * np.cumsum(held)])
+    since = np.interp(time_s, edges, fed) - np.interp(time_s - course.pitch_s, edges, fed)
+    return (since[:, None] / course.pitch_s * course.chip_n)[..., None]
 
 
 def _stair_effect(shape: Array, c: Array) -> AbstractEffect:

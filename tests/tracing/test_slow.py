@@ -159,10 +159,18 @@ def test_places_are_those_where_the_force_arose_before_the_filter():
     np.testing.assert_allclose(felt_at(trial, delay), along_path(trial) - 0.01 * delay, atol=1e-12)
 
 
-def test_a_stair_holds_the_feed_of_its_own_beginning_and_is_felt_later():
-    time = np.arange(100) / RATE_HZ
+@pytest.mark.parametrize("pitch_s", [1e-9, 0.012, 0.05])
+def test_a_stair_holds_the_feed_of_its_own_beginning_and_each_tooth_cuts_what_was_fed_since_the_last(pitch_s):
+    time, period, delay = np.arange(100) / RATE_HZ, 0.02, 0.004
     one = np.ones((100, 3))
-    course = Course(time, 0.01 * time, time, one, one, one, RATE_HZ, (0.0, 200.0), delay_s=0.004)
+    band = (0.0, 200.0)
+    course = Course(time, 0.01 * time, time, one, one, one, RATE_HZ, band, delay_s=delay, pitch_s=pitch_s)
     (stair,) = (each for each in KINDS if each.name == "command_stair")
-    held = np.maximum(0.02 * np.floor((time - 0.004) / 0.02 + 1e-6), 0.0)
-    np.testing.assert_allclose(stair.columns(course, np.array([0.02]))[:, 1, 0], held, atol=1e-12)
+    fine = np.arange(-0.1, time[-1], 1e-5) + 0.5e-5
+    held = np.maximum(period * np.floor(fine / period), 0.0)
+    cut = [held[(fine > t - delay - pitch_s) & (fine < t - delay)] for t in time]
+    expected = [each.mean() if len(each) else held[np.searchsorted(fine, t - delay)]
+                for each, t in zip(cut, time, strict=True)]  # fmt: skip
+    off_steps = np.abs(np.sin(np.pi * (time - delay) / period)) > 1e-6
+    seen = stair.columns(course, np.array([period]))[:, 1, 0]
+    np.testing.assert_allclose(seen[off_steps], np.array(expected)[off_steps], atol=1e-4)
