@@ -51,21 +51,3 @@ def _steady(force: NDArray[np.floating]) -> slice:
     first, last = int(inside[0]), int(inside[-1]) + 1
     trim = int(_TRIMMED * (last - first))
     return slice(first + trim, last - trim)
-
-
-def white_power(
-    record: NDArray[np.floating], rate_hz: float, band_hz: tuple[float, float]
-) -> NDArray[np.float64]:
-    """[A] mean square in a band of that part of a record [T, A] which is alike at all its frequencies.
-
-    By the median of the periodogram, which a few lines and what is slow do not move; windowed, so that these
-    stay where they are.
-    """
-    window = np.hanning(len(record))
-    power = np.abs(np.fft.rfft((record - record.mean(axis=0)) * window[:, None], axis=0)[1:]) ** 2
-    frequency = np.fft.rfftfreq(len(record), 1.0 / rate_hz)[1:]
-    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-    if not inside.any():
-        return np.zeros(record.shape[1])
-    alike = np.median(power[inside], axis=0) / np.log(2.0)  # of an exponential distribution
-    return np.asarray(2.0 * alike * inside.sum() / (len(record) * np.sum(window**2)))

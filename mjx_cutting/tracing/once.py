@@ -22,6 +22,7 @@ from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit, compress
+from mjx_cutting.tracing.noise import noise_floor
 from mjx_cutting.tracing.pieces import in_pieces, of_whole_trials
 from mjx_cutting.tracing.prediction import Prediction, grows, predictions
 from mjx_cutting.tracing.problem import Problem, pose, shared_bias
@@ -29,7 +30,7 @@ from mjx_cutting.tracing.screening import screen
 from mjx_cutting.tracing.search import Search, search
 from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
 from mjx_cutting.tracing.slow_kinds import KINDS
-from mjx_cutting.tracing.verdict import final, noise_floor, reached
+from mjx_cutting.tracing.verdict import final, reached
 from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.05

@@ -14,8 +14,9 @@ from mjx_cutting.tracing.course import feeds_differ
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.levels import LEVEL_KINDS, white_power
-from mjx_cutting.tracing.lines import Lines, band_limit
+from mjx_cutting.tracing.levels import LEVEL_KINDS
+from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.noise import noise_floor
 from mjx_cutting.tracing.problem import Problem, shared_bias
 from mjx_cutting.tracing.search import Search
 from mjx_cutting.tracing.separation import separations
@@ -78,26 +79,6 @@ def verdict(
 def final(found: Search, slow: Sequence[SlowRound]) -> HeldOut:
     """Error on held-out trials of the model with everything accepted."""
     return next((each.accepted.heldout for each in reversed(slow) if each.accepted), found.final)
-
-
-def noise_floor(dataset: Dataset, lines: Lines) -> float:
-    """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines;
-    for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies."""
-    rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
-    force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
-    air = [trial for trial in dataset.trials if trial.kind == "air"]
-    if air:
-        quiet = [band_limit(trial.force_n, rate, band) for trial in air]
-        noise = np.sqrt(np.mean([np.mean(np.var(each, axis=0)) for each in quiet]))
-    elif dataset.sensor.noise_std_n is not None:
-        share = (band[1] - band[0]) / (0.5 * rate)
-        noise = np.sqrt(np.mean(np.square(dataset.sensor.noise_std_n)) * share)
-    elif dataset.tool.kind in LEVEL_KINDS:
-        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
-        noise = np.sqrt(np.mean([np.mean(white_power(each, rate, band)) for each in cuts]))
-    else:
-        noise = np.sqrt(lines.rest_n2.sum() / (3.0 * lines.samples.sum()))
-    return float(noise / max(force, 1e-12))
 
 
 def not_testable(dataset: Dataset) -> list[dict[str, str]]:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.levels import as_levels, white_power
+from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.trials import resolve
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
@@ -163,16 +163,6 @@ def test_drift_of_all_channels_is_named_where_the_session_was_zeroed_once():
     assert drift["name"] == "thermal_drift"
     _, torque_nm, thrust_n = drift["parameters"]["drift_n"]["values"]
     assert thrust_n == pytest.approx(60.0, rel=0.05) and torque_nm == pytest.approx(-0.2, rel=0.05)
-
-
-def test_the_noise_is_what_is_alike_at_all_frequencies():
-    time = np.arange(2000) / RATE_HZ
-    noise = np.random.default_rng(3).normal(0.0, [1.0, 2.0], (2000, 2))
-    seen = noise + 30.0 * np.sin(2.0 * np.pi * 31.0 * time)[:, None] + 50.0 * np.tanh(time - 4.0)[:, None]
-    for high, share in ((125.0, 1.0), (60.0, 0.48)):
-        power = white_power(seen, RATE_HZ, (0.0, high))
-        np.testing.assert_allclose(power, share * np.array([1.0, 4.0]), rtol=0.2)
-    np.testing.assert_array_equal(white_power(seen, RATE_HZ, (10.01, 10.05)), 0.0)
 
 
 def test_records_without_a_cut_are_refused_in_words():

@@ -1,0 +1,36 @@
+"""The noise floor: lines and slow changes beside the noise are no part of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjx_cutting.tracing.noise import power_between_lines, white_power
+
+RATE_HZ = 250.0
+
+
+def test_the_noise_is_what_is_alike_at_all_frequencies():
+    time = np.arange(2000) / RATE_HZ
+    noise = np.random.default_rng(3).normal(0.0, [1.0, 2.0], (2000, 2))
+    seen = noise + 30.0 * np.sin(2.0 * np.pi * 31.0 * time)[:, None] + 50.0 * np.tanh(time - 4.0)[:, None]
+    for high, share in ((125.0, 1.0), (60.0, 0.48)):
+        power = white_power(seen, RATE_HZ, (0.0, high))
+        np.testing.assert_allclose(power, share * np.array([1.0, 4.0]), rtol=0.2)
+    np.testing.assert_array_equal(white_power(seen, RATE_HZ, (10.01, 10.05)), 0.0)
+
+
+def test_the_noise_of_an_air_cut_is_without_an_unbalanced_spindle_and_mains():
+    time = np.arange(4000) / RATE_HZ
+    noise = np.random.default_rng(4).normal(0.0, [1.0, 2.0], (4000, 2))
+    hum = 5.0 * np.sin(2.0 * np.pi * 21.3 * time) + 2.0 * np.sin(2.0 * np.pi * 50.0 * time)
+    drift = 4.0 * time / time[-1]
+    quiet = power_between_lines(noise, RATE_HZ, (0.0, 125.0))
+    np.testing.assert_allclose(quiet, [1.0, 4.0], rtol=0.1)
+    heard = power_between_lines(noise + (hum + drift)[:, None], RATE_HZ, (0.0, 125.0))
+    np.testing.assert_allclose(heard, quiet, rtol=0.03)
+
+
+def test_noise_that_is_greater_at_some_frequencies_is_counted_whole():
+    noise = np.random.default_rng(6).normal(size=(4002, 1))
+    slow = noise[1:-1] + 0.9 * (noise[2:] + noise[:-2])
+    assert abs(power_between_lines(slow, RATE_HZ, (0.0, 125.0)) / np.var(slow) - 1.0) < 0.05
