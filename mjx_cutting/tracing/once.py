@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
+from mjx_cutting.tracing.droop import lines_as_it_turned
 from mjx_cutting.tracing.ends import NAME as ENDS
 from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
@@ -187,7 +188,7 @@ def _steady(
     posed: Callable[[Dataset, Lines], Problem] = pose,
 ) -> Pass:
     """The search over steady effects alone."""
-    lines = compress(dataset, band_hz)
+    lines = lines_as_it_turned(dataset, band_hz)
     found = search(posed(dataset, lines), lines, kinds, folds(dataset, seed), progress)
     problem = found.problem
     base_model, model = (for_use(dataset, fit.model) for fit in (found.base_fit, found.final_fit))

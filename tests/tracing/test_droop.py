@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import predict_trials, trace
-from mjx_cutting.tracing.droop import CHANCE, _law
+from mjx_cutting.tracing.droop import CHANCE, _law, lines_as_it_turned
 
 STATED = np.array([40.0, 40.0, 52.0, 52.0, 66.0, 66.0, 40.0, 52.0])
 TORQUE = np.array([1.0, 3.0, 1.2, 2.5, 0.9, 2.0, 4.5, 4.0])
@@ -28,6 +29,15 @@ def test_losses_that_do_not_go_with_the_torque_are_not_droop():
     ]
     assert np.mean(np.array(chances) < 0.05) < 0.09
     assert min(chances) > 0.1 * CHANCE
+
+
+@pytest.mark.slow
+def test_a_strong_vibration_is_not_taken_for_a_spindle_that_gives_way():
+    case = make("mill", {"regenerative_chatter": "strong"}, 400)
+    stated = [trial.spindle_speed_rev_s for trial in case.dataset.trials if trial.kind == "cut"]
+    with jax.enable_x64(True):
+        speeds = lines_as_it_turned(case.dataset, (0.0, 700.0)).speed_rev_s
+    np.testing.assert_allclose(speeds, stated, rtol=0.0101)
 
 
 @pytest.mark.slow
