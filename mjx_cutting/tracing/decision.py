@@ -52,7 +52,8 @@ class Interval:
 class Decision:
     """Whether a candidate is accepted; `reasons` says why not, one entry a failed test.
 
-    `physical` is False where it explains what it does only with a parameter at the edge of its range.
+    `physical` is False where it explains what it does only with a parameter at the edge of its range;
+    `untold` is True where all that failed is what would tell it from another effect.
     """
 
     accepted: bool
@@ -62,6 +63,7 @@ class Decision:
     gain_standard_error: float
     parameters: dict[str, Interval]
     reasons: tuple[str, ...]
+    untold: bool = False
 
 
 def chance(drop: float, added: int, spread: float, floor: float, freedom: int, tries: int) -> float:
@@ -246,12 +248,10 @@ def decide(
         )
     elif over_trials and np.isfinite(error) and gain < STANDARD_ERRORS * error:
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
-    for name in (kind.strength, *kind.telling):
-        identity, found = kind.parameters[name].identity, parameters[name]
-        if identity is not None and found.low <= identity <= found.high:
-            reasons.append(
-                f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} includes {identity:g}, no effect"
-            )
+    nil = {
+        name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
+    }
+    reasons += nil.values()
     beyond = []
     for name, each in parameters.items():
         declared = kind.parameters[name]
@@ -263,7 +263,16 @@ def decide(
                 f"{declared.low:g} to {declared.high:g}"
             )
     reasons += beyond
-    return Decision(not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons))
+    untold = bool(nil) and kind.strength not in nil and len(reasons) == len(nil)
+    return Decision(not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold)
+
+
+def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:
+    """In words, that an interval holds the value of no effect; None where it does not."""
+    identity = kind.parameters[name].identity
+    if identity is None or not found.low <= identity <= found.high:
+        return None
+    return f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} includes {identity:g}, no effect"
 
 
 def _at_edge(value: float, declared: Parameter) -> bool:

@@ -52,10 +52,10 @@ class Droop:
 
 
 def lines_as_it_turned(dataset: Dataset, band_hz: tuple[float, float]) -> Lines:
-    """Lines at the speeds that records tell (call it in float64): a motor that gives way is believed only where
-    the base model then leaves clearly less than near the stated speeds.
+    """Lines at the speeds that the records tell (call it in float64).
 
-    A strong vibration that the cut keeps up has lines of its own, which a slower spindle's may fall on.
+    A motor that gives way is believed only where the base model then leaves clearly less than near the stated
+    speeds: a strong vibration has lines of its own, which those of a slower spindle may fall on.
     """
     lines = compress(dataset, band_hz)
     stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])

@@ -196,11 +196,12 @@ def _parameter(found: Interval) -> dict[str, Any]:
 
 
 def _tie(each: Round, dataset: Dataset, lines: Lines, found: Search) -> dict[str, Any] | None:
-    """The accepted effect and another that passed every test and is not worse beyond two standard errors."""
+    """The accepted effect and another that is not worse beyond two standard errors and passed every test, or
+    all but that which would tell the two apart."""
     assert each.accepted is not None
     best = each.accepted.heldout
     for other in each.candidates:
-        if other is each.accepted or not other.decision.accepted:
+        if other is each.accepted or not (other.decision.accepted or other.decision.untold):
             continue
         gap = other.heldout.error_n2.sum(axis=1) - best.error_n2.sum(axis=1)
         error = np.std(gap, ddof=1) * np.sqrt(len(gap)) if len(gap) > 2 else 0.0

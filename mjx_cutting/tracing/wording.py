@@ -99,7 +99,7 @@ def _ambiguous(tracing: Tracing, verdict: dict[str, Any]) -> tuple[str, str]:
     better = spoken(verdict["effects"][0]["name"]) if verdict["effects"] else spoken(first["names"][0])
     return (
         f"The force model lacks something, and these trials cannot tell whether it is {names}: both fit.",
-        f"With {better}, the better of the two, the error on trials the model has not seen falls from "
+        f"With {better} the error on trials the model has not seen falls from "
         f"{before} to {after} of the force; what would tell them apart: "
         f"{first['separating_trial'].rstrip('.')}.",
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting.effects import (
+    ClampMode,
     CommandStair,
     Ploughing,
     RadialRunout,
@@ -68,6 +69,21 @@ def test_a_gain_on_one_trial_only_is_refused():
 def test_an_interval_that_includes_nothing_is_refused():
     unsure = dict(RUNOUT, offset_m=Interval(1e-5, -0.1e-5, 2.1e-5, "m"))
     assert "no effect" in decide(RadialRunout, BEFORE, BETTER, 1e-9, unsure).reasons[0]
+
+
+@pytest.mark.parametrize(("strength", "untold"), [(0.2, True), (0.0, False)])
+def test_what_lacks_only_its_own_mark_is_known_to_be_untold_from_another(strength, untold):
+    mode = {
+        "mass_ratio": Interval(strength, strength - 0.1, strength + 0.1, "1"),
+        "frequency_hz": Interval(90.0, 85.0, 95.0, "Hz"),
+        "gradient_1_m": Interval(3.0, -1.0, 7.0, "1/m"),
+        "damping": Interval(0.03, 0.02, 0.04, "1"),
+    }
+    found = decide(ClampMode, BEFORE, BETTER, 1e-9, mode)
+    assert not found.accepted and found.untold == untold
+    assert not decide(ClampMode, BEFORE, BETTER, 0.5, mode).untold
+    flat = dict(mode, gradient_1_m=Interval(3.0, 2.0, 4.0, "1/m"))
+    assert decide(ClampMode, BEFORE, BETTER, 1e-9, flat).untold is False
 
 
 @pytest.mark.parametrize(
