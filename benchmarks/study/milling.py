@@ -191,12 +191,14 @@ def _chips(
 
 
 def _inside_sheet(cut: Milling, place: Array, sine: Array) -> Array:
-    """Whether the cell lies between the ends of the sheet [P, n]."""
+    """Share of the cell that lies between the ends of the sheet [P, n]."""
     p = cut.effects["entry_exit"]
     a, r = cut.depth_m, cut.radius_m
     reach = r if cut.milling == "slot" or a > r else np.sqrt(2.0 * r * a - a * a)
     beyond = place - p["start_m"] - reach + r * sine
-    return ((beyond >= 0.0) & (beyond <= p["length_m"])).astype(float)
+    cell = np.maximum(np.abs(np.gradient(beyond, axis=1)), 1e-15)
+    begun, over = (np.clip(way / cell + 0.5, 0.0, 1.0) for way in (beyond, beyond - p["length_m"]))
+    return begun - over
 
 
 def mean_load(cut: Milling) -> tuple[Array, float]:

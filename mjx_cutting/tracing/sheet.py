@@ -9,7 +9,7 @@ whole records.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -146,12 +146,13 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: i
         tries: effects tried along a trial.
     """
     kind, final, weight = effect_class(NAME), inside.final, np.asarray(inside.search.problem.weight)
-    courses, ramps = _outside(dataset, inside)
+    outside = _outside(dataset, inside)
+    courses = [each.course for each in outside]
     shape = np.array(_places(first))
     for closer in _CLOSER:
-        step = closer * _STEP * ramps[0].longest_m
-        shape = min(_around(shape, step), key=lambda each: _left(courses, ramps, each, weight))
-    columns = [ramp.missing(each, *shape) for each, ramp in zip(courses, ramps, strict=True)]
+        step = closer * _STEP * outside[0].ramps.longest_m
+        shape = min(_around(shape, step), key=lambda each: _left(outside, each, weight))
+    columns = [each.missing(shape) for each in outside]
     product = np.array(
         [np.sum(x * each.left_n * weight**2) for x, each in zip(columns, courses, strict=True)]
     )
@@ -178,15 +179,31 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: i
     return SlowRound(before, (candidate,), candidate if decision.accepted else None)
 
 
-def _outside(dataset: Dataset, inside: Pass) -> tuple[list[Course], list[Ramps]]:
-    """Every whole record as predicted fully engaged, its `left_n` nil where the tool was in the sheet; its
-    measured force stands for the edge's. Beside each, the ramps under the model fitted without its trial."""
+@dataclass(frozen=True, eq=False)
+class _Outside:
+    """A whole record as predicted fully engaged, to be judged where the tool was not fully in the sheet.
+
+    Fields: `course`, its `left_n` nil elsewhere and the measured force in place of the edge's; `ramps` under
+    the model fitted without this trial; `where` [T] it is judged.
+    """
+
+    course: Course
+    ramps: Ramps
+    where: NDArray[np.bool_]
+
+    def missing(self, ends: Array) -> Array:
+        """[T, 3] what the force lacks there for a sheet with these ends, N."""
+        return self.ramps.missing(self.course, float(ends[0]), float(ends[1])) * self.where[:, None]
+
+
+def _outside(dataset: Dataset, inside: Pass) -> list[_Outside]:
+    """Every whole record of which a part was traced inside the sheet."""
     fits, fold, lines = inside.search.final.fits, inside.search.final.fold, inside.lines
     assert fits is not None
     models = [jax.tree.map(lambda leaf, f=f: leaf[f], fits.model) for f in range(int(fold.max()) + 1)]
     ramps = [Ramps(lines, inside.search.problem, model) for model in models]
     rate = dataset.sensor.sample_rate_hz
-    courses = []
+    found = []
     cuts = {trial.file: trial for trial in _cuts(dataset)}
     pairs = [
         (cuts[cut.file], cut, told) for cut, told in zip(_cuts(inside.dataset), inside.after, strict=True)
@@ -198,22 +215,22 @@ def _outside(dataset: Dataset, inside: Pass) -> tuple[list[Course], list[Ramps]]
         steady = wave(lines, index, angle, ramps[fold[index]].whole(index), rate)
         measured = band_limit(trial.force_n, rate, lines.band_hz)
         left = measured - told.bias_n - steady
-        left[first : first + len(cut.time_s)] = 0.0
-        courses.append(
-            Course(
-                time_s=trial.time_s - trial.time_s[0],
-                position_m=felt_at(trial, filter_delay_s(dataset.sensor)),
-                feed_share=None,
-                chip_n=np.zeros_like(measured),
-                edge_n=measured,
-                left_n=left,
-                rate_hz=rate,
-                band_hz=lines.band_hz,
-                index=index,
-                angle_rad=angle,
-            )
+        where = np.ones(len(left), bool)
+        where[first : first + len(cut.time_s)] = False
+        course = Course(
+            time_s=trial.time_s - trial.time_s[0],
+            position_m=felt_at(trial, filter_delay_s(dataset.sensor)),
+            feed_share=None,
+            chip_n=np.zeros_like(measured),
+            edge_n=measured,
+            left_n=left * where[:, None],
+            rate_hz=rate,
+            band_hz=lines.band_hz,
+            index=index,
+            angle_rad=angle,
         )
-    return courses, [ramps[each] for each in fold]
+        found.append(_Outside(course, ramps[fold[index]], where))
+    return found
 
 
 def _around(shape: Array, step: float) -> list[Array]:
@@ -224,9 +241,8 @@ def _around(shape: Array, step: float) -> list[Array]:
     return [np.array([a, b]) for a in starts for b in ends]
 
 
-def _left(courses: Sequence[Course], ramps: Sequence[Ramps], shape: Array, weight: Array) -> float:
-    pairs = zip(courses, ramps, strict=True)
-    return sum(float(np.sum(((c.left_n - ramp.missing(c, *shape)) * weight) ** 2)) for c, ramp in pairs)
+def _left(outside: Sequence[_Outside], ends: Array, weight: Array) -> float:
+    return sum(float(np.sum(((o.course.left_n - o.missing(ends)) * weight) ** 2)) for o in outside)
 
 
 def _cuts(dataset: Dataset) -> list[Trial]:
