@@ -1,10 +1,10 @@
 """Are the columns of force what the data set says they are?
 
 A sensor mounted another way round, or the force on the sheet taken for the one on the tool, leaves a base
-model that fits badly, whatever effect is then added. So where much is left, the base model is fitted again to
-the forces read in every other way: axes exchanged, signs turned. One that leaves less than a third of the
-error is told; nothing is turned round unasked. The sign along the tool's axis cannot be told from lines, for
-the axial constants may have either.
+model that fits badly, whatever effect is then added. So where much is left with all effects found, the base
+model is fitted again to the forces read in every other way: axes exchanged, signs turned. One that leaves
+less than a third of the error is told; nothing is turned round unasked. The sign along the tool's axis cannot
+be told from lines, for the axial constants may have either.
 """
 
 from __future__ import annotations
@@ -45,9 +45,12 @@ class Reading(NamedTuple):
         )
 
 
-def better_reading(dataset: Dataset, lines: Lines, problem: Problem) -> Reading | None:
-    """The way to read the forces that fits far better than the present one (call it in float64)."""
-    if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None:
+def better_reading(dataset: Dataset, lines: Lines, problem: Problem, left: float) -> Reading | None:
+    """The way to read the forces that fits far better than the present one (call it in float64).
+
+    `left`: relative error of the model found.
+    """
+    if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None or left < _BAD:
         return None
     now = _error(problem, lines, (0, 1, 2), (1.0, 1.0, 1.0))
     if now < _BAD:

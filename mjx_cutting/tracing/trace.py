@@ -96,7 +96,7 @@ def trace(
             found = _with_vibration(found)
         if any(kind.name == DROOP for kind in kinds):
             found = _with_droop(found)
-        reading = better_reading(found.dataset, found.lines, found.search.problem)
+        reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
         depends_before = dependences(found.dataset, found.before, teeth, orders)

@@ -16,10 +16,10 @@ from mjx_cutting.trials.dataset import columns_to_process
 from mjx_cutting.trials.synthetic import Hidden
 
 
-def _reading(dataset):
+def _reading(dataset, left=1.0):
     with _platform.x64():
         lines = compress(dataset, trusted_band(dataset, None))
-        return better_reading(dataset, lines, fit_base(pose(dataset, lines))[0])
+        return better_reading(dataset, lines, fit_base(pose(dataset, lines))[0], left)
 
 
 @pytest.mark.parametrize("declared", [None, ("-z", "+x", "+y")])
@@ -31,6 +31,7 @@ def test_forces_on_the_sheet_along_other_axes_are_noticed(mill, declared):
     ]
     found = _reading(replace(dataset, trials=tuple(turned), axes=declared))
     assert found is not None and found.error < 0.01 < 0.1 < found.now
+    assert _reading(replace(dataset, trials=tuple(turned), axes=declared), left=0.05) is None
     columns = np.eye(3) if declared is None else columns_to_process(np.eye(3), declared).T
     for trial, other in zip(dataset.trials, turned, strict=True):
         file = other.force_n @ columns
