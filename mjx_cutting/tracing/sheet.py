@@ -33,7 +33,7 @@ _LIKE_GEOMETRY = (0.4, 3.0)
 _LEAST_TURNS = 20
 _FEWEST = 4
 _FEWEST_IN_AIR = 10
-_CLEAR = 0.05
+_CLEAR = 0.01
 _SAMPLES_PER_LINE = 3
 _CLOSER = (1.0, 0.2, 0.04, 0.008)
 _STEP = 0.05
@@ -48,7 +48,8 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
         return found
     start, end = _places(first)
     reach = Ramps(found.lines, found.search.problem, found.model).reach_m
-    dataset = _zeroed_in_air(found.dataset, start, reach)
+    touched = min(start, first.decision.parameters["start_m"].low)
+    dataset = _zeroed_in_air(found.dataset, touched - _CLEAR * reach)
     rest, kept = _engaged(dataset, found.lines, (start, end), reach)
     if len(kept) < max(_FEWEST, len(reach) / 2):
         return found
@@ -88,8 +89,8 @@ def _ends_of_sheet(rounds: Sequence[SlowRound]) -> SlowCandidate | None:
     return None
 
 
-def _zeroed_in_air(dataset: Dataset, start_m: float, reach_m: Array) -> Dataset:
-    """The trials less what each shows before it touches the sheet, where all show enough of that.
+def _zeroed_in_air(dataset: Dataset, before_m: Array) -> Dataset:
+    """The trials less what each shows before it comes to `before_m` [R], where all show enough of that.
 
     A sensor zeroed before every trial leaves a bias in each that a fit can hardly tell from the force of a
     tool that is always engaged; in the air it is there to be read.
@@ -99,7 +100,7 @@ def _zeroed_in_air(dataset: Dataset, start_m: float, reach_m: Array) -> Dataset:
     trials, cuts = [], 0
     for trial in dataset.trials:
         if trial.kind == "cut":
-            air = along_path(trial) < start_m - _CLEAR * reach_m[cuts]
+            air = along_path(trial) < before_m[cuts]
             if air.sum() < _FEWEST_IN_AIR:
                 return dataset
             trial = replace(trial, force_n=trial.force_n - trial.force_n[air].mean(axis=0))

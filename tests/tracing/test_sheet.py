@@ -50,13 +50,12 @@ def test_a_bias_is_read_where_the_tool_is_not_yet_in_the_sheet(mill):
     dataset = mill(zeroed="trial")
     shifted = [replace(t, force_n=t.force_n + np.array([5.0, -3.0, 1.0])) for t in dataset.trials]
     dataset = replace(dataset, trials=tuple(shifted))
-    reach = np.full(len(shifted), 8e-3)
-    zeroed = _zeroed_in_air(dataset, 2e-3, reach)
+    zeroed = _zeroed_in_air(dataset, np.full(len(shifted), 1.6e-3))
     assert zeroed.sensor.zeroed == "session"
     for trial in zeroed.trials:
-        air = along_path(trial) < 2e-3 - 0.05 * 8e-3
+        air = along_path(trial) < 1.6e-3
         np.testing.assert_allclose(trial.force_n[air].mean(axis=0), 0.0, atol=1e-9)
-    assert _zeroed_in_air(dataset, 0.0, reach) is dataset
+    assert _zeroed_in_air(dataset, np.zeros(len(shifted))) is dataset
 
 
 @pytest.mark.slow
