@@ -10,6 +10,7 @@ from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.trials.dataset import Dataset
 
+_FEWEST = 64
 _NEAR = 101
 _ABOVE = 16.0
 _LEAKS = 5
@@ -50,8 +51,11 @@ def white_power(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> 
 def power_between_lines(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> NDArray[np.float64]:
     """[A] mean square in a band of a record [T, A] less its lines: of an unbalanced spindle, say, or mains.
 
-    A bin far above those around it, and what leaks beside it, counts as much as they do.
+    A bin far above those around it, and what leaks beside it, counts as much as they do. A record too short
+    to show lines is counted whole.
     """
+    if len(record) < _FEWEST:
+        return np.asarray(np.var(record, axis=0))
     power, inside = _periodogram(record, rate_hz, band_hz)
     near = median_filter(power, size=(min(_NEAR, len(power)), 1), mode="reflect") / np.log(2.0)
     line = maximum_filter1d(power > _ABOVE * near, _LEAKS, axis=0)

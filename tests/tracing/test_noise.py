@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mjx_cutting.tracing.noise import power_between_lines, white_power
 
@@ -34,3 +35,10 @@ def test_noise_that_is_greater_at_some_frequencies_is_counted_whole():
     noise = np.random.default_rng(6).normal(size=(4002, 1))
     slow = noise[1:-1] + 0.9 * (noise[2:] + noise[:-2])
     assert abs(power_between_lines(slow, RATE_HZ, (0.0, 125.0)) / np.var(slow) - 1.0) < 0.05
+
+
+@pytest.mark.parametrize("samples", [1, 2, 63, 64, 200])
+def test_a_short_record_has_noise_too(samples):
+    record = np.random.default_rng(7).normal(size=(samples, 3))
+    power = power_between_lines(record, RATE_HZ, (0.0, 125.0))
+    np.testing.assert_allclose(power.mean(), np.var(record, axis=0).mean(), rtol=0.6)
