@@ -4,7 +4,7 @@
    and starts (Bonferroni). A coherent model error of `TOLERANCE` of the force counts as noise, because no
    simulator's own discretisation is finer and a chi-square alone names an effect in clean data.
 2. held out: the error on unseen trials falls by at least `LEAST_GAIN` of itself, by `TOLERANCE` of the force
-   (root mean square) and by two standard errors over trials.
+   (root mean square; less where the model's force hardly is) and by two standard errors over trials.
 3. interval: the strength's interval excludes the value at which the effect vanishes.
 4. range: every parameter lies inside its physical range, not at the edge of it.
 """

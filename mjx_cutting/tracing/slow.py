@@ -196,9 +196,11 @@ def _try(
         by_fold.append(as_values(kind.build(shapes[shape], own)))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
     p = chance_over_trials(before, after, tries)
-    accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, TOLERANCE**2)))
-    parameters = _intervals(kind, effect, by_fold, accounted)
-    decision = decide(kind.effect, before, after, p, parameters, tolerance=tolerance)
+    reach = _reach_of_the_model(kind, trials, shapes[best])
+    error_of_it = reach * TOLERANCE
+    accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
+    parameters = _intervals(kind, effect, by_fold, error_of_it / accounted)
+    decision = decide(kind.effect, before, after, p, parameters, tolerance=reach * tolerance)
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)
@@ -233,13 +235,31 @@ def _in_each(kind: Kind, found: Sums, shape: int, c: Array, weight: Array) -> Ar
 _IN_POSITION = ("material_periodicity", "layered_material", "entry_exit")
 
 
+def _reach_of_the_model(kind: Kind, trials: Sequence[Course], shape: Array) -> float:
+    """How much of its own error a model of the cut can put where the effect acts, 0 to 1.
+
+    What starts each trial at a phase of its own, whatever the spindle does, stands beside the lines of the
+    cut: there, a wrong calculation has its share of what is calculated. All other effects act on just that.
+    """
+    if not kind.own_phase:
+        return 1.0
+    there = whole = 0.0
+    for course in trials:
+        columns = kind.columns(course, shape)
+        columns = columns.reshape(-1, columns.shape[-1])
+        force = (course.chip_n + course.edge_n).ravel()
+        there += float(np.sum((columns @ np.linalg.lstsq(columns, force, rcond=None)[0]) ** 2))
+        whole += float(np.sum(force**2))
+    return float(np.sqrt(there / max(whole, 1e-300)))
+
+
 def _intervals(
-    kind: Kind, effect: AbstractEffect, by_fold: list[dict[str, Array]], accounted: float
+    kind: Kind, effect: AbstractEffect, by_fold: list[dict[str, Array]], unsure: float
 ) -> dict[str, Interval]:
-    """Intervals by name; the strength may be off by what the model's own error is to what it accounts for."""
+    """Intervals by name; by the model's own error the strength may be off by the share `unsure` of it."""
     whole, found = as_values(effect), {}
     for name in (each for each in kind.effect.parameters if each in whole):
-        error = TOLERANCE / accounted * np.abs(whole[name]) if name == kind.effect.strength else 0.0
+        error = unsure * np.abs(whole[name]) if name == kind.effect.strength else 0.0
         by_name = np.stack([each[name] for each in by_fold])
         found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error, on_grid=True)
     return found
