@@ -35,7 +35,7 @@ from mjx_cutting.trials.dataset import Dataset
 
 MOST_SLOW = 3
 _HATS = 24
-_SHARE_OF_FREE = 0.7
+_SHARE_OF_FREE = 0.85
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
 Array = NDArray[np.floating]
 
