@@ -1,7 +1,7 @@
 """Search over effects that change along a trial, after the steady ones: same tests, same held-out trials.
 
 A named effect must also do most of what an unnamed one could: force that varies freely with position (hats
-over the path) is fitted beside it, and where that does much better, the effect is not the cause.
+over the path) is fitted beside it, and where that does better by a sixth, the effect is not the cause.
 """
 
 from __future__ import annotations

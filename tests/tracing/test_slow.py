@@ -108,6 +108,10 @@ def test_a_smooth_dependence_on_position_is_not_called_periodic():
     assert [each.kind.name for each in found] != ["material_periodicity"]
 
 
+def test_a_smooth_rise_along_the_path_is_not_called_a_layer():
+    assert _named(lambda s, i: 0.3 * np.tanh((s - 0.02) / 0.012))[0] == []
+
+
 def test_mains_is_named_whatever_phase_each_trial_starts_at():
     trials, _ = _trials(lambda s, i: 0.0 * s)
     hum = np.array([0.3, 0.2, 0.25])
