@@ -39,6 +39,9 @@ STRENGTH = {
     "regenerative_chatter": "frequency_hz",
 }
 
+# What no channel of a drill shows of a value for each direction: the first force column, the radial edge.
+UNHEARD = {"drill": {"amplitude_n": 0, "drift_n": 0, "kappa_n_m2": 1}}
+
 
 def marked(question: Question, truth: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
     """One row of the study: what was named, whether that is right, and how well the parameters came out.
@@ -73,12 +76,14 @@ def marked(question: Question, truth: dict[str, Any], verdict: dict[str, Any]) -
     }
     for each in verdict["effects"]:
         if each["name"] in hidden:
-            row["parameters"][each["name"]] = _parameter(each, truth["effects"][each["name"]])
+            true = truth["effects"][each["name"]]
+            row["parameters"][each["name"]] = _parameter(each, true, UNHEARD.get(question.design, {}))
     return row
 
 
-def _parameter(found: dict[str, Any], true: dict[str, Any]) -> dict[str, Any]:
-    """Truth, estimate, relative error and coverage of the parameter that is the effect's size."""
+def _parameter(found: dict[str, Any], true: dict[str, Any], unheard: dict[str, int]) -> dict[str, Any]:
+    """Truth, estimate, relative error and coverage of the parameter that is the effect's size, without the
+    entry `unheard` of it."""
     name = STRENGTH[found["name"]]
     told = found["parameters"].get(name)
     if told is None:
@@ -87,6 +92,8 @@ def _parameter(found: dict[str, Any], true: dict[str, Any]) -> dict[str, Any]:
     value, low, high = (
         _array(told.get(f"{word}s", told[word]), known.size) for word in ("value", "low", "high")
     )
+    if name in unheard and known.size > unheard[name]:
+        known, value, low, high = (np.delete(each, unheard[name]) for each in (known, value, low, high))
     if found["name"] == "unequal_pitch":
         turns = [np.roll(known, shift) for shift in range(known.size)]
         known = min(turns, key=lambda turn: float(np.nansum((turn - value) ** 2)))

@@ -71,6 +71,16 @@ def test_parameter_error_and_coverage():
     assert row["parameters"]["unequal_pitch"]["relative_error"] < 0.02
 
 
+@pytest.mark.parametrize(("design", "covered"), [("drill", 1.0), ("turning", 2.0 / 3.0)])
+def test_a_direction_that_no_channel_shows_is_not_counted(design, covered):
+    hum = {"value": 0.5, "values": [0.0, 0.4, 0.5], "lows": [0.0, 0.3, 0.4], "highs": [0.0, 0.5, 0.6]}
+    said = verdict("mains_pickup", mains_pickup={"amplitude_n": hum | {"low": 0.4, "high": 0.6}})
+    truth = {"effects": {"mains_pickup": {"amplitude_n": [0.3, 0.4, 0.5]}}}
+    row = scoring.marked(cases.Question("single", design, ("mains_pickup",), "weak", 0), truth, said)
+    assert row["parameters"]["mains_pickup"]["covered"] == pytest.approx(covered)
+    assert (row["parameters"]["mains_pickup"]["relative_error"] < 1e-12) == (design == "drill")
+
+
 def test_cases_are_distinct_and_can_be_made():
     every = list(cases.questions(["mill", "saw", "drill", "turning"], [0]))
     assert len({each.key for each in every}) == len(every) > 200
