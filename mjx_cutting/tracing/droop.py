@@ -36,7 +36,6 @@ from mjx_cutting.trials.dataset import Dataset
 
 NAME = "spindle_droop"
 CHANCE = 1e-3
-_CLEARLY_LESS = 0.8
 Array = NDArray[np.floating]
 
 
@@ -49,27 +48,6 @@ class Droop:
     base: HeldOut
     before: tuple[Prediction, ...]
     evidence: tuple[str, ...]
-
-
-def lines_as_it_turned(dataset: Dataset, band_hz: tuple[float, float]) -> Lines:
-    """Lines at the speeds that the records tell (call it in float64).
-
-    A motor that gives way is believed only where the base model then leaves clearly less than near the stated
-    speeds: a strong vibration has lines of its own, which those of a slower spindle may fall on.
-    """
-    lines = compress(dataset, band_hz)
-    stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])
-    if dataset.tool.kind in LEVEL_KINDS or not np.any(lines.speed_rev_s < (1.0 - SPREAD) * stated):
-        return lines
-    near = compress(dataset, band_hz, about_rev_s=stated)
-    return lines if _left(dataset, lines) < _CLEARLY_LESS * _left(dataset, near) else near
-
-
-def _left(dataset: Dataset, lines: Lines) -> float:
-    """Share of the energy that the base model leaves, fitted to all trials."""
-    _, base = fit_base(pose(dataset, lines))
-    error = np.asarray(base.error_n2).sum() + lines.rest_n2.sum()
-    return float(error / lines.energy_n2.sum())
 
 
 def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:

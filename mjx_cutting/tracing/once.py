@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
-from mjx_cutting.tracing.droop import lines_as_it_turned
+from mjx_cutting.tracing.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.ends import NAME as ENDS
 from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
