@@ -18,6 +18,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from mjx_cutting.cutting.cut import Cut
@@ -132,15 +133,9 @@ def _reach(cutter: Cutter, angle: Array, behind: Array) -> Array:
 
 
 def carried_over(cutter: Cutter, feed_m: Array, sine: Array, reach_m: Array) -> Array:
-    """min over m of advance x sine + r_j - r_{j-m}, [..., S, N], from the teeth's reach [N] or [..., S, N];
-    the loop over m is unrolled."""
-    teeth = cutter.lag_rad.shape[0]
-    bare = None
-    for m in range(1, teeth + 1):
-        apart = cutter.lag_rad - jnp.roll(cutter.lag_rad, m)
-        apart = jnp.where(jnp.arange(teeth) < m, apart + 2.0 * jnp.pi, apart)
-        step = reach_m - jnp.roll(reach_m, m, axis=-1)
-        left = feed_m * (apart / (2.0 * jnp.pi)) * sine + step
-        bare = left if bare is None else jnp.minimum(bare, left)
-    assert bare is not None
-    return bare
+    """[..., S, N] min over m of advance x sine + r_j - r_{j-m}, from the teeth's reach [N] or [..., S, N]."""
+    tooth = np.arange(cutter.lag_rad.shape[0])
+    before = (tooth[:, None] - tooth - 1) % len(tooth)
+    apart = cutter.lag_rad[:, None] - cutter.lag_rad[before] + 2.0 * np.pi * (before >= tooth[:, None])
+    step = reach_m[..., None] - reach_m[..., before]
+    return jnp.min((feed_m * sine)[..., None] * (apart / (2.0 * np.pi)) + step, axis=-1)

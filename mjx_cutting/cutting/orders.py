@@ -79,14 +79,18 @@ def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
 def _transformed(angle: Array, value: Array, orders: int) -> Array:
     """[orders + 1, 3] sums of `value` [K, S, N, 3] exp(-i n angle), `angle` [K, S, N].
 
-    n is split into a coarse and a fine part, so that few exponentials are needed.
+    The values are turned by the angle once more for every order, which spares the exponentials.
     """
-    angle, value = angle.reshape(-1), value.reshape(-1, 3)
-    fine = int(np.ceil(np.sqrt(orders + 1)))
-    coarse = -(-(orders + 1) // fine)
-    near = jnp.exp(-1j * jnp.arange(fine)[:, None] * angle)[..., None] * value
-    far = jnp.exp(-1j * fine * jnp.arange(coarse)[:, None] * angle)
-    return jnp.einsum("ck,fka->cfa", far, near).reshape(-1, 3)[: orders + 1]
+    cosine, sine = jnp.cos(angle.reshape(-1)), jnp.sin(angle.reshape(-1))
+    real = value.reshape(-1, 3).T
+
+    def turn(part: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        real, imaginary = part
+        after = real * cosine + imaginary * sine, imaginary * cosine - real * sine
+        return after, (real.sum(axis=1), imaginary.sum(axis=1))
+
+    _, (real, imaginary) = jax.lax.scan(turn, (real, jnp.zeros_like(real)), None, length=orders + 1)
+    return jax.lax.complex(real, imaginary)
 
 
 def _alike(model: ForceModel) -> bool:
@@ -95,6 +99,7 @@ def _alike(model: ForceModel) -> bool:
     return model.cutter().even and not any(
         getattr(type(effect), hook) is not getattr(AbstractEffect, hook)
         for effect in model.effects
+        if not effect.alike
         for hook in hooks
     )
 

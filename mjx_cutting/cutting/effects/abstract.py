@@ -100,6 +100,8 @@ class AbstractEffect(eqx.Module):
         coupled: True where the effect's memory acts back on the process force, see `recall`.
         per_turn: True where `spindle` and `engage` change only what holds for a whole turn (speed, depth,
             arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
+        alike: True where `chip` and `edge` do the same to every tooth that cuts the same chip at the same
+            angle: while the teeth are alike, lines are found from one of them.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
         physical: False for a term that fits without saying why; tracing never names it.
@@ -116,6 +118,7 @@ class AbstractEffect(eqx.Module):
     steady: ClassVar[bool] = True
     coupled: ClassVar[bool] = False
     per_turn: ClassVar[bool] = False
+    alike: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
     physical: ClassVar[bool] = True
     signature: ClassVar[str] = ""

@@ -36,6 +36,7 @@ class Clogging(AbstractEffect):
     name = "clogging"
     stage = "tool"
     strength = "gain"
+    alike = True
     parameters = {
         "gain": Parameter("1", 0.0, 20.0, 0.0, 1.0, source="working knowledge"),
         "capacity_m2": Parameter("m^2", 1e-9, 1e-4, None, 1e-7, log=True, source="gullet area over bulking"),

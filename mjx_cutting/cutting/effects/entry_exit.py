@@ -46,6 +46,7 @@ class EntryExit(AbstractEffect):
         "length_m": Parameter("m", 1e-3, 1e3, None, 0.0),
     }
     steady = False
+    alike = True
     signature = "missing force at the ends of the sheet, the same in every trial"
     confused_with = {"clamp_mode": "a mode rings and decays; geometry does not"}
 

@@ -46,6 +46,7 @@ class FlankWear(AbstractEffect):
     name = "flank_wear"
     stage = "edge"
     strength = "kappa_n_m2"
+    alike = True
     parameters = {
         "kappa_n_m2": Parameter("N/m^2", 0.0, 1e13, 0.0, _TYPICAL_N_M2, length=3, source="PHM 2010: 1e9"),
         "rate": Parameter("m/m", 0.0, 1e-2, 0.0, RATE, source="VB 0-0.3 mm over a tool's life"),

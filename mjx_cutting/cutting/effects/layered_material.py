@@ -43,6 +43,7 @@ class LayeredMaterial(AbstractEffect):
         "length_m": Parameter("m", 1e-4, 10.0, None, 0.02, log=True),
     }
     steady = False
+    alike = True
     signature = "one-sided steps at fixed positions"
     confused_with = {"entry_exit": "entry is at the end of the sheet"}
 

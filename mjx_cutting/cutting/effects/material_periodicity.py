@@ -45,6 +45,7 @@ class MaterialPeriodicity(AbstractEffect):
         "edge_share": Parameter("1", 0.0, 1.0, None, 0.0),
     }
     steady = False
+    alike = True
     signature = "lines at v / wavelength and beside tooth passing, coherent in position"
     confused_with = {"robot_mode": "a mode keeps its frequency when the feed changes"}
 

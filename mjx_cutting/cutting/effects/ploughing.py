@@ -36,6 +36,7 @@ class Ploughing(AbstractEffect):
     name = "ploughing"
     stage = "edge"
     strength = "minimum_chip_m"
+    alike = True
     parameters = {
         "minimum_chip_m": Parameter("m", 0.0, 2e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-50 um"),
         "ratio": Parameter("1", 1.05, 20.0, None, 3.0, log=True, source="working knowledge"),

@@ -38,6 +38,7 @@ class ProcessDamping(AbstractEffect):
     parameters = {"damping_n_m": Parameter("N/m", 0.0, 5e6, 0.0, 1e5, source="1e5-1e6 N/m")}
     needs = ("tool velocity",)
     steady = False
+    alike = True
     signature = "less vibration at low cutting speed"
     confused_with = {"regenerative_chatter": "structural damping does not vary with the cutting speed"}
 

@@ -36,6 +36,7 @@ class SizeEffect(AbstractEffect):
     name = "size_effect"
     stage = "edge"
     strength = "exponent"
+    alike = True
     parameters = {"exponent": Parameter("1", 0.0, 0.6, 0.0, 0.2, source="Kienzle: 0.1-0.4 for metals")}
     signature = "no new lines; every line concave in feed"
     confused_with = {"edge constant": "a feed range of 10:1 separates them"}

@@ -57,6 +57,7 @@ class UnnamedGain(AbstractEffect):
     stage = "edge"
     physical = False
     strength = "gain"
+    alike = True
     parameters = {
         "gain": Parameter(
             "1", -0.95, 20.0, 0.0, 0.1, length=(KNOTS - 1) * len(CONDITIONS), source="no physics: fitted"
