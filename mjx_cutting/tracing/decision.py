@@ -227,9 +227,11 @@ def decide(
     parameters: dict[str, Interval],
     over_trials: bool = True,
     tolerance: float = TOLERANCE,
+    in_range: bool = True,
 ) -> Decision:
-    """Apply the four tests; `over_trials` False leaves out that of the gain's standard error over trials;
-    `tolerance` is the share of the force that a model's own calculation may be off."""
+    """Apply the four tests; `over_trials` False leaves out that of the gain's standard error over trials,
+    `in_range` False that of the range, of which `physical` then tells; `tolerance` is the share of the force
+    that a model's own calculation may be off."""
     gain, error = gain_over_trials(before, after)
     reasons = []
     if p_chance > CHANCE:
@@ -262,7 +264,7 @@ def decide(
                 f"{name} runs to {each.value:.3g} {each.unit}, the edge of its physical range "
                 f"{declared.low:g} to {declared.high:g}"
             )
-    reasons += beyond
+    reasons += beyond if in_range else []
     untold = bool(nil) and kind.strength not in nil and len(reasons) == len(nil)
     return Decision(not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold)
 

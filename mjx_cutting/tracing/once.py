@@ -2,8 +2,9 @@
 
 A steady model fitted to records that hold an effect along the trial has taken part of it for its own: a layer
 lowers the constants. So what was found is taken out of the records, the steady search made again on the
-rest, and that along the trial beside its outcome. Where much is left, trials are cut in pieces along the path
-for effects whose response changes along it (`pieces`).
+rest, and that along the trial beside its outcome; only then are its parameters held against their physical
+ranges. Where much is left, trials are cut in pieces along the path for effects whose response changes along
+it (`pieces`).
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def once(
     """
     names = [kind.name for kind in kinds]
 
-    def with_slow(found: Pass, before: HeldOut, apart: bool = False) -> Pass:
+    def with_slow(found: Pass, before: HeldOut, apart: bool = False, in_range: bool = True) -> Pass:
         """The pass with what is found along the trials beside its steady model, which leaves `before`."""
         problem, model = found.search.problem, found.search.final_fit.model
         ways = KINDS
@@ -113,14 +114,14 @@ def once(
         trials = courses(dataset, found.lines, problem, model, found.after)
         trials = tuple(replace(each, apart=apart) for each in trials)
         weight, tolerance = np.asarray(problem.weight), problem.tolerance
-        rounds = search_slow(trials, before, weight, names, ways, progress, tolerance)
+        rounds = search_slow(trials, before, weight, names, ways, progress, tolerance, in_range)
         for each in rounds:
             found = found.with_round(each)
         return replace(found, slow=rounds)
 
     progress("reading the lines of every trial")
     steadily = _steady(dataset, band_hz, steady, seed, progress, posed)
-    first = found = with_slow(steadily, steadily.search.final)
+    first = found = with_slow(steadily, steadily.search.final, in_range=False)
     taken = _swallowed(found)
     for _ in range(_TIMES if taken is not None else 0):
         progress("once more, without what was found along the trials")
@@ -135,6 +136,8 @@ def once(
         if taken is None:
             found = first
             break
+    if not all(each.decision.physical for each in found.along):
+        found = with_slow(steadily, steadily.search.final)
     return _by_position(found, band_hz, steady, seed, progress)
 
 

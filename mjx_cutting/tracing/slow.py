@@ -125,6 +125,7 @@ def search_slow(
     kinds: Sequence[Kind] = KINDS,
     progress: Callable[[str], None] = lambda text: None,
     tolerance: float = TOLERANCE,
+    in_range: bool = True,
 ) -> tuple[SlowRound, ...]:
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
 
@@ -135,6 +136,8 @@ def search_slow(
         names: effects to try of `kinds`; default all.
         kinds: how each is looked for.
         tolerance: share of the force that the steady model's own calculation may be off.
+        in_range: whether parameters must lie in their physical ranges. A share of the force does not until
+            the steady model is freed of what it has taken for its own.
     """
     open_ = [
         kind
@@ -147,7 +150,7 @@ def search_slow(
         tried = []
         for kind in open_:
             progress(f"along the trial: {kind.name}")
-            tried.append(_try(kind, trials, before, weight, free, len(open_), tolerance))
+            tried.append(_try(kind, trials, before, weight, free, len(open_), tolerance, in_range))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
         rounds.append(SlowRound(before, tuple(tried), accepted))
@@ -170,6 +173,7 @@ def _try(
     free: float,
     tries: int,
     tolerance: float,
+    in_range: bool,
 ) -> SlowCandidate:
     shapes = kind.grid(trials)
     everyone = np.ones(len(trials))
@@ -200,7 +204,9 @@ def _try(
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
     parameters = _intervals(kind, effect, by_fold, error_of_it / accounted)
-    decision = decide(kind.effect, before, after, p, parameters, tolerance=reach * tolerance)
+    decision = decide(
+        kind.effect, before, after, p, parameters, tolerance=reach * tolerance, in_range=in_range
+    )
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)

@@ -98,6 +98,8 @@ def test_what_lacks_only_its_own_mark_is_known_to_be_untold_from_another(strengt
 )  # fmt: skip
 def test_the_edge_of_the_physical_range_is_refused(kind, parameters):
     assert "physical range" in decide(kind, BEFORE, BETTER, 1e-9, parameters).reasons[0]
+    provisional = decide(kind, BEFORE, BETTER, 1e-9, parameters, in_range=False)
+    assert provisional.accepted and not provisional.physical
 
 
 def test_chance_counts_the_tries_and_believes_no_model_below_its_tolerance():

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import as_levels
 from mjx_cutting.trials import resolve
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
@@ -180,3 +181,27 @@ def test_measured_drills_wear(measured_data):
     assert verdict["after"]["heldout_nrmse"] < verdict["before"]["heldout_nrmse"]
     assert ["d14h45" in each["file"] for each in verdict["left_out"]] == [True]
     assert any(each["name"] == "radial_runout" for each in verdict["not_testable"])
+
+
+@pytest.mark.slow
+def test_a_layer_is_judged_by_its_share_of_the_force_outside_it():
+    # the steady model is at first that of the mean, of which the layer takes away more than there is
+    case = make("turning", {"layered_material": "strong"}, 403)
+    (layer,) = trace(case.dataset, effects=("layered_material",)).verdict["effects"]
+    change = case.truth["effects"]["layered_material"]["change"]
+    assert layer["parameters"]["change"]["value"] == pytest.approx(change, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_share_that_stays_out_of_its_range_is_refused():
+    session = make("turning", {}, 403).dataset
+    trials = []
+    for trial in session.trials:
+        place = along_path(trial)
+        pulled = np.where((place > 1.3e-3) & (place < 4e-3), -0.5, 1.0)
+        cut = trial.kind == "cut"
+        trials.append(replace(trial, force_n=trial.force_n * pulled[:, None]) if cut else trial)
+    found = trace(replace(session, trials=tuple(trials)), effects=("layered_material",))
+    assert found.verdict["effects"] == []
+    (only,) = found.slow[0].candidates
+    assert not only.decision.physical and "physical range" in only.decision.reasons[0]
