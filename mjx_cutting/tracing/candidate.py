@@ -19,6 +19,7 @@ from mjx_cutting.tracing.model_error import model_errors, tolerated
 from mjx_cutting.tracing.own_gain import rather_a_factor
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.tracing.screening import Screened
+from mjx_cutting.tracing.smeared import rather_smeared
 
 _STEPS = 20
 
@@ -87,8 +88,10 @@ def try_effect(
     )
     own = parameters(problem, lines, effects, found, after)[-1]
     decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance)
-    if decision.accepted and (why := rather_a_factor(problem, effects[:-1], before.x, effects, found.x)):
-        decision = replace(decision, accepted=False, reasons=(why,))
+    if decision.accepted:
+        why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
+        why = why or rather_smeared(problem, lines, effects, found.x)
+        decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 
 

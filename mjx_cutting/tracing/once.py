@@ -35,7 +35,8 @@ from mjx_cutting.tracing.slow_kinds import KINDS
 from mjx_cutting.tracing.verdict import final, reached
 from mjx_cutting.trials.dataset import Dataset
 
-_SWALLOWED = 0.05
+_SWALLOWED = 0.002
+_MUCH = 0.05
 _TIMES = 2
 _BESIDE = 2
 _PROMISING = 0.2
@@ -90,6 +91,45 @@ class Pass:
         return replace(self, slow=(*self.slow, each), model=model, after=after, evidence=told)
 
 
+@dataclass(frozen=True)
+class _Searches:
+    """The two searches of a pass, on any records: `names` are those of the effects tried along a trial."""
+
+    band_hz: tuple[float, float]
+    names: tuple[str, ...]
+    seed: int
+    progress: Callable[[str], None]
+    posed: Callable[[Dataset, Lines], Problem] = pose
+
+    def steady(self, dataset: Dataset, kinds: Sequence[type[AbstractEffect]]) -> Pass:
+        """The search over steady effects alone."""
+        lines = lines_as_it_turned(dataset, self.band_hz)
+        found = search(self.posed(dataset, lines), lines, kinds, folds(dataset, self.seed), self.progress)
+        problem = found.problem
+        base_model, model = (for_use(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
+        before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
+        bias = shared_bias(problem, found.final_fit.x)
+        after = predictions(dataset, lines, problem, model, bias)
+        if grows(model):
+            still = predictions(dataset, lines, problem, model, bias, still=True)
+            found = replace(found, final=_with_growth(found.final, lines, still, after))
+        return Pass(dataset, lines, found, (), base_model, model, before, after)
+
+    def along(self, found: Pass, before: HeldOut, apart: bool = False, in_range: bool = True) -> Pass:
+        """The pass with what is found along the trials beside its steady model, which leaves `before`."""
+        dataset, problem, model = found.dataset, found.search.problem, found.search.final_fit.model
+        ways = KINDS
+        if dataset.tool.kind not in LEVEL_KINDS:
+            ways = (*KINDS, entry_exit(found.lines, problem, model))
+        trials = courses(dataset, found.lines, problem, model, found.after)
+        trials = tuple(replace(each, apart=apart) for each in trials)
+        weight, tolerance = np.asarray(problem.weight), problem.tolerance
+        rounds = search_slow(trials, before, weight, self.names, ways, self.progress, tolerance, in_range)
+        for each in rounds:
+            found = found.with_round(each)
+        return replace(found, slow=rounds)
+
+
 def once(
     dataset: Dataset,
     band_hz: tuple[float, float],
@@ -103,51 +143,56 @@ def once(
 
     `posed` makes the fitting problem of the trials.
     """
-    names = [kind.name for kind in kinds]
-
-    def with_slow(found: Pass, before: HeldOut, apart: bool = False, in_range: bool = True) -> Pass:
-        """The pass with what is found along the trials beside its steady model, which leaves `before`."""
-        problem, model = found.search.problem, found.search.final_fit.model
-        ways = KINDS
-        if dataset.tool.kind not in LEVEL_KINDS:
-            ways = (*KINDS, entry_exit(found.lines, problem, model))
-        trials = courses(dataset, found.lines, problem, model, found.after)
-        trials = tuple(replace(each, apart=apart) for each in trials)
-        weight, tolerance = np.asarray(problem.weight), problem.tolerance
-        rounds = search_slow(trials, before, weight, names, ways, progress, tolerance, in_range)
-        for each in rounds:
-            found = found.with_round(each)
-        return replace(found, slow=rounds)
-
     progress("reading the lines of every trial")
-    steadily = _steady(dataset, band_hz, steady, seed, progress, posed)
-    first = found = with_slow(steadily, steadily.search.final, in_range=False)
-    taken = _swallowed(found)
-    for _ in range(_TIMES if taken is not None else 0):
-        progress("once more, without what was found along the trials")
-        assert taken is not None
-        rest = _steady(_without(dataset, taken), band_hz, steady, seed, progress, posed)
-        after, before = _on_the_whole(dataset, rest, taken)
+    searches = _Searches(band_hz, tuple(kind.name for kind in kinds), seed, progress, posed)
+    alone = searches.steady(dataset, steady)
+    first = searches.along(alone, alone.search.final, in_range=False)
+    found = _freed(first, steady, searches)
+    if not all(each.decision.physical for each in found.along):
+        found = searches.along(alone, alone.search.final)
+    return _by_position(found, steady, replace(searches, posed=pose))
+
+
+def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:
+    """The pass with its steady model freed of what it has swallowed; `first` where then nothing is left of
+    what was found along the trials."""
+    taken, share = _whole(first), _swallowed(first)
+    if taken is None or share < _SWALLOWED:
+        return first
+    found = first
+    for _ in range(_TIMES):
+        searches.progress("once more, without what was found along the trials")
+        rest = _refitted(first, _without(first.dataset, taken), kinds, share, searches)
+        after, before = _on_the_whole(first.dataset, rest, taken)
         search = replace(rest.search, base=first.search.base)
         lines = replace(rest.lines, energy_n2=first.lines.energy_n2)
-        again = replace(rest, dataset=dataset, lines=lines, search=search, before=first.before, after=after)
-        found = with_slow(again, before, apart=True)
+        again = replace(
+            rest, dataset=first.dataset, lines=lines, search=search, before=first.before, after=after
+        )
+        found = searches.along(again, before, apart=True)
         taken = _whole(found)
         if taken is None:
-            found = first
-            break
-    if not all(each.decision.physical for each in found.along):
-        found = with_slow(steadily, steadily.search.final)
-    return _by_position(found, band_hz, steady, seed, progress)
+            return first
+    return found
 
 
-def _by_position(
+def _refitted(
     first: Pass,
-    band_hz: tuple[float, float],
+    rest: Dataset,
     kinds: Sequence[type[AbstractEffect]],
-    seed: int,
-    progress: Callable[[str], None],
+    share: float,
+    searches: _Searches,
 ) -> Pass:
+    """The steady pass over `rest`: all `kinds` again where much was swallowed, else those of `first` if they
+    still hold."""
+    if share < _MUCH:
+        same = searches.steady(rest, first.search.effects)
+        if same.search.effects == first.search.effects:
+            return replace(same, search=replace(same.search, rounds=first.search.rounds))
+    return searches.steady(rest, kinds)
+
+
+def _by_position(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:
     """The pass, or the better one over trials in pieces that names an effect of which the response changes
     along the path. Tried beside such are the most telling effects of the first round."""
     dataset, rounds = first.dataset, first.search.rounds
@@ -161,17 +206,15 @@ def _by_position(
     pieces = in_pieces(dataset, first.lines)
     if pieces is None:
         return first
-    progress("the trials in pieces")
-    problem = pose(pieces, compress(pieces, band_hz, orders=first.lines.orders))
+    searches.progress("the trials in pieces")
+    problem = pose(pieces, compress(pieces, searches.band_hz, orders=first.lines.orders))
     so_far, x = first.search.effects, first.search.final_fit.x
     if not any(kind.by_position for kind in so_far):
         promising = screen(problem, so_far, jnp.asarray(x), moving)
         if max(each.share for each in promising) < _PROMISING:
             return first
     telling = [each.kind for each in rounds[0].screened[:_BESIDE]]
-    found = _steady(
-        pieces, band_hz, list(dict.fromkeys([*moving, *first.search.effects, *telling])), seed, progress
-    )
+    found = searches.steady(pieces, list(dict.fromkeys([*moving, *first.search.effects, *telling])))
     if not any(kind.by_position for kind in found.search.effects):
         return first
     search = of_whole_trials(found.search, first.search, dataset, first.lines)
@@ -180,28 +223,6 @@ def _by_position(
     bias = shared_bias(search.problem, search.final_fit.x)
     after = predictions(dataset, first.lines, search.problem, found.model, bias)
     return replace(first, search=search, slow=(), model=found.model, after=after, evidence={})
-
-
-def _steady(
-    dataset: Dataset,
-    band_hz: tuple[float, float],
-    kinds: Sequence[type[AbstractEffect]],
-    seed: int,
-    progress: Callable[[str], None],
-    posed: Callable[[Dataset, Lines], Problem] = pose,
-) -> Pass:
-    """The search over steady effects alone."""
-    lines = lines_as_it_turned(dataset, band_hz)
-    found = search(posed(dataset, lines), lines, kinds, folds(dataset, seed), progress)
-    problem = found.problem
-    base_model, model = (for_use(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
-    before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
-    bias = shared_bias(problem, found.final_fit.x)
-    after = predictions(dataset, lines, problem, model, bias)
-    if grows(model):
-        still = predictions(dataset, lines, problem, model, bias, still=True)
-        found = replace(found, final=_with_growth(found.final, lines, still, after))
-    return Pass(dataset, lines, found, (), base_model, model, before, after)
 
 
 def _with_growth(
@@ -224,14 +245,11 @@ def _whole(found: Pass) -> list[Array] | None:
     return _added([each.whole_n for each in found.along])
 
 
-def _swallowed(found: Pass) -> list[Array] | None:
-    """The same, if the steady model has swallowed much of it."""
-    whole = _whole(found)
-    if whole is None:
-        return None
-    beside = _added([each.added_n for each in found.along])
-    energy, shown = (sum(float(np.sum(each**2)) for each in side) for side in (whole, beside))
-    return whole if shown < (1.0 - _SWALLOWED) * energy else None
+def _swallowed(found: Pass) -> float:
+    """Share of the energy of what was found along the trials that the steady model has taken."""
+    sides = ([each.whole_n for each in found.along], [each.added_n for each in found.along])
+    energy, shown = (sum(float(np.sum(each**2)) for each in _added(side)) for side in sides)
+    return 1.0 - shown / max(energy, 1e-300)
 
 
 def _added(parts: Sequence[Sequence[Array]]) -> list[Array]:

@@ -20,7 +20,7 @@ _ALIGNED = 8
 _MOST_BLOCKS = 8192
 _SHAPES_AT_ONCE = 32
 _CYCLES = 20.0
-_BLOCKS_A_CYCLE = 64
+_BLOCKS_A_CYCLE = 32
 Array = NDArray[np.floating]
 
 
@@ -140,9 +140,11 @@ def _turned(place: Array, value: Array, frequency: Array) -> NDArray[np.complexf
         within = place - np.repeat(mean, np.diff(edges, append=len(place)))
         turned = flat * np.exp(-2j * np.pi * middle * place)
         slow = np.exp(-2j * np.pi * np.multiply.outer(away, mean))
-        # to first order also how the value is spread within a block
-        level, slope = (np.add.reduceat(each, edges, axis=1).T for each in (turned, turned * within))
-        found[np.ix_(members, live)] = slow @ level - 2j * np.pi * away[:, None] * (slow @ slope)
+        # to second order also how the value is spread within a block: shapes of two groups are compared
+        moments = (turned, turned * within, turned * within**2)
+        level, slope, curve = (np.add.reduceat(each, edges, axis=1).T for each in moments)
+        turn = -2j * np.pi * away[:, None]
+        found[np.ix_(members, live)] = slow @ level + turn * (slow @ slope) + 0.5 * turn**2 * (slow @ curve)
     return found.reshape(len(frequency), *value.shape[:-1])
 
 

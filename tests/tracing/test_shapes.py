@@ -38,14 +38,14 @@ def test_fast_sums_are_those_of_the_samples(kind, apart):
     few = grid[:: max(1, len(grid) // 40)]
     exact, fast = sums(kind.columns, trials, few), kind.sums_of(trials, few)
     for left, right in ((exact.square, fast.square), (exact.product, fast.product)):
-        np.testing.assert_allclose(right, left, atol=5e-4 * np.abs(left).max())
+        np.testing.assert_allclose(right, left, atol=1e-5 * np.abs(left).max())
 
 
 def test_shapes_of_either_edge_share_keep_their_order():
     kind = next(each for each in KINDS if each.name == "material_periodicity")
     shapes = np.array([[0.02, 1.0], [0.005, 0.0], [0.01, 1.0], [0.004, 0.0]])
     exact, fast = (way([course(3000, 0.003)], shapes) for way in (_sample_by_sample(kind), kind.sums_of))
-    np.testing.assert_allclose(fast.square, exact.square, rtol=2e-3, atol=5e-4 * exact.square.max())
+    np.testing.assert_allclose(fast.square, exact.square, rtol=1e-4, atol=1e-5 * exact.square.max())
 
 
 def test_blocks_of_a_long_record_are_short_against_a_layer():

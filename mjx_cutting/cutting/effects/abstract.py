@@ -102,6 +102,7 @@ class AbstractEffect(eqx.Module):
             arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
         alike: True where `chip` and `edge` do the same to every tooth that cuts the same chip at the same
             angle: while the teeth are alike, lines are found from one of them.
+        damps: True where all that the effect does is to take energy from the lines, most from the highest.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
         physical: False for a term that fits without saying why; tracing never names it.
@@ -119,6 +120,7 @@ class AbstractEffect(eqx.Module):
     coupled: ClassVar[bool] = False
     per_turn: ClassVar[bool] = False
     alike: ClassVar[bool] = False
+    damps: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
     physical: ClassVar[bool] = True
     signature: ClassVar[str] = ""

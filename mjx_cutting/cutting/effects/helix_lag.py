@@ -34,6 +34,7 @@ class HelixLag(AbstractEffect):
     name = "helix_lag"
     stage = "chip"
     strength = "helix_rad"
+    damps = True
     parameters = {"helix_rad": Parameter("rad", -1.3, 1.3, 0.0, 0.3, source="helix 0-45 deg")}
     signature = "amplitude lost like a sinc in order, at any speed; full-slot mean unchanged"
     confused_with = {"sensor_lowpass": "a filter loses at a fixed frequency; change the spindle speed"}
