@@ -53,7 +53,8 @@ class Decision:
     """Whether a candidate is accepted; `reasons` says why not, one entry a failed test.
 
     `physical` is False where it explains what it does only with a parameter at the edge of its range;
-    `untold` is True where all that failed is what would tell it from another effect.
+    `untold` is True where all that failed is what would tell it from another effect, `scattered` where it is
+    that the gain differs much from trial to trial.
     """
 
     accepted: bool
@@ -64,6 +65,7 @@ class Decision:
     parameters: dict[str, Interval]
     reasons: tuple[str, ...]
     untold: bool = False
+    scattered: bool = False
 
 
 def chance(drop: float, added: int, spread: float, floor: float, freedom: int, tries: int) -> float:
@@ -200,23 +202,29 @@ def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple
     return float(max(low, min(declared.low, value))), float(min(high, max(declared.high, value)))
 
 
-def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
-    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t, the
-    trials being independent).
+def sureness_over_trials(before: HeldOut, after: HeldOut) -> float:
+    """How many standard errors over the trials the gain on held-out trials is; nan for fewer than three.
 
-    A useless one gains neither over all trials nor, trial by trial, in shares of what each leaves; the surer
-    of the two counts, as one of two tries. Where a few trials hold most of the force, all of them say little
-    of what shows in every one; the shares say little of a place that few trials reach.
+    A useless candidate gains neither over all trials nor, trial by trial, in shares of what each leaves; the
+    surer of the two counts. Where a few trials hold most of the force, or of the error, all of them say
+    little of what shows in every one; the shares say little of a place that few trials reach.
     """
     gain, error = gain_over_trials(before, after)
     if not np.isfinite(error):
-        return 1.0
+        return float("nan")
     old, new = before.error_n2.sum(axis=1), after.error_n2.sum(axis=1)
     share = (old - new) / np.maximum(old + new, 1e-300)
-    count = len(share)
-    by_trial = float(np.std(share, ddof=1)) / np.sqrt(count)
-    sure = max(gain / max(error, 1e-300), float(share.mean()) / max(by_trial, 1e-300))
-    return min(2 * tries * float(stats.t.sf(sure, count - 1)), 1.0)
+    by_trial = float(np.std(share, ddof=1)) / np.sqrt(len(share))
+    return float(max(gain / max(error, 1e-300), share.mean() / max(by_trial, 1e-300)))
+
+
+def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
+    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t, the
+    trials being independent); looked at in two ways, each is two tries."""
+    sure = sureness_over_trials(before, after)
+    if not np.isfinite(sure):
+        return 1.0
+    return min(2 * tries * float(stats.t.sf(sure, len(before.error_n2) - 1)), 1.0)
 
 
 def decide(
@@ -233,7 +241,7 @@ def decide(
     `in_range` False that of the range, of which `physical` then tells; `tolerance` is the share of the force
     that a model's own calculation may be off."""
     gain, error = gain_over_trials(before, after)
-    reasons = []
+    reasons, scattered = [], False
     if p_chance > CHANCE:
         reasons.append(
             f"chance alone gives the best candidate as much (p = {p_chance:.2g}, limit {CHANCE:g})"
@@ -248,7 +256,7 @@ def decide(
             f"accounts for {_accounted(before, after):.2%} of the force, less than the {tolerance:.1%} "
             "that any model's own calculation may be off"
         )
-    elif over_trials and np.isfinite(error) and gain < STANDARD_ERRORS * error:
+    elif scattered := over_trials and sureness_over_trials(before, after) < STANDARD_ERRORS:
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
     nil = {
         name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
@@ -266,7 +274,10 @@ def decide(
             )
     reasons += beyond if in_range else []
     untold = bool(nil) and kind.strength not in nil and len(reasons) == len(nil)
-    return Decision(not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold)
+    scattered = scattered and len(reasons) == 1
+    return Decision(
+        not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered
+    )
 
 
 def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
-from mjx_cutting.tracing.candidate import Round, fitted, parameters, try_effect
+from mjx_cutting.tracing.candidate import Candidate, Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.decision import Interval
 from mjx_cutting.tracing.exchange import reconsider
 from mjx_cutting.tracing.fit import Effects, Fit, fit_base, reweighted
@@ -27,6 +27,7 @@ from mjx_cutting.tracing.screening import Screened, screen
 MOST_EFFECTS = 4
 SHORTLIST = 4
 _WORTH_A_FIT = 0.01
+_MUCH_MORE = 1.25
 Progress = Callable[[str], None]
 
 
@@ -75,7 +76,7 @@ def search(
             both = (*effects, each.kind)
             tried.append(try_effect(problem, lines, both, each.x, current, heldout, fold, open_))
         tried.sort(key=lambda each: each.heldout.nrmse)
-        accepted = next((each for each in tried if each.decision.accepted), None)
+        accepted = _accepted(tried)
         rounds.append(Round(heldout, screened, tuple(tried), accepted))
         if accepted is None:
             break
@@ -92,6 +93,16 @@ def search(
         current, heldout = fitted(problem, lines, effects, change.x, fold)
     intervals = parameters(problem, lines, effects, current, heldout) if effects else []
     return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds), tuple(intervals))
+
+
+def _accepted(tried: Sequence[Candidate]) -> Candidate | None:
+    """The best of `tried` that passes; none where one explains much more that fails only because its gain
+    differs from trial to trial: then the lesser one is not the cause."""
+    accepted = next((each for each in tried if each.decision.accepted), None)
+    if accepted is None:
+        return None
+    unsure = (each.decision.gain for each in tried if each.decision.scattered)
+    return accepted if max(unsure, default=0.0) < _MUCH_MORE * accepted.decision.gain else None
 
 
 def _worth_a_round(problem: Problem, lines: Lines, heldout: HeldOut) -> bool:

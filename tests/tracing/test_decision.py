@@ -63,7 +63,18 @@ def test_what_is_below_a_models_own_error_is_refused():
 
 def test_a_gain_on_one_trial_only_is_refused():
     lucky = _heldout([0.01, 0.112, 0.091, 0.101, 0.101])
-    assert "two standard errors" in decide(RadialRunout, BEFORE, lucky, 1e-9, RUNOUT).reasons[0]
+    found = decide(RadialRunout, BEFORE, lucky, 1e-9, RUNOUT)
+    assert "two standard errors" in found.reasons[0] and found.scattered
+    nothing = dict(RUNOUT, offset_m=Interval(1e-5, -0.1e-5, 2.1e-5, "m"))
+    assert not decide(RadialRunout, BEFORE, lucky, 1e-9, nothing).scattered
+
+
+def test_a_gain_in_every_trial_counts_though_one_holds_most_of_the_error():
+    # as of a drift that one cold trial shows most
+    before, after = _heldout([2.0, 0.02, 0.03, 0.02, 0.04]), _heldout([0.9, 0.01, 0.01, 0.01, 0.02])
+    gain, error = gain_over_trials(before, after)
+    assert gain < 2.0 * error
+    assert decide(RadialRunout, before, after, 1e-9, RUNOUT).accepted
 
 
 def test_an_interval_that_includes_nothing_is_refused():
