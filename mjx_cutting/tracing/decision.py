@@ -4,7 +4,8 @@
    and starts (Bonferroni). A coherent model error of `TOLERANCE` of the force counts as noise, because no
    simulator's own discretisation is finer and a chi-square alone names an effect in clean data.
 2. held out: the error on unseen trials falls by at least `LEAST_GAIN` of itself, by `TOLERANCE` of the force
-   (root mean square; less where the model's force hardly is) and by two standard errors over trials.
+   (root mean square; less where the model's force hardly is) and by two standard errors over trials, or in
+   shares of what each trial leaves by more than chance does.
 3. interval: the strength's interval excludes the value at which the effect vanishes.
 4. range: every parameter lies inside its physical range, not at the edge of it.
 """
@@ -202,29 +203,23 @@ def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple
     return float(max(low, min(declared.low, value))), float(min(high, max(declared.high, value)))
 
 
-def sureness_over_trials(before: HeldOut, after: HeldOut) -> float:
-    """How many standard errors over the trials the gain on held-out trials is; nan for fewer than three.
+def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
+    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t, the
+    trials being independent).
 
-    A useless candidate gains neither over all trials nor, trial by trial, in shares of what each leaves; the
-    surer of the two counts. Where a few trials hold most of the force, or of the error, all of them say
-    little of what shows in every one; the shares say little of a place that few trials reach.
+    A useless one gains neither over all trials nor, trial by trial, in shares of what each leaves; the surer
+    of the two counts, as one of two tries. Where a few trials hold most of the force, or of the error, all of
+    them say little of what shows in every one; the shares say little of a place that few trials reach.
     """
     gain, error = gain_over_trials(before, after)
     if not np.isfinite(error):
-        return float("nan")
+        return 1.0
     old, new = before.error_n2.sum(axis=1), after.error_n2.sum(axis=1)
     share = (old - new) / np.maximum(old + new, 1e-300)
-    by_trial = float(np.std(share, ddof=1)) / np.sqrt(len(share))
-    return float(max(gain / max(error, 1e-300), share.mean() / max(by_trial, 1e-300)))
-
-
-def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
-    """Probability that the best of `tries` useless candidates gains as much on held-out trials (t, the
-    trials being independent); looked at in two ways, each is two tries."""
-    sure = sureness_over_trials(before, after)
-    if not np.isfinite(sure):
-        return 1.0
-    return min(2 * tries * float(stats.t.sf(sure, len(before.error_n2) - 1)), 1.0)
+    count = len(share)
+    by_trial = float(np.std(share, ddof=1)) / np.sqrt(count)
+    sure = max(gain / max(error, 1e-300), float(share.mean()) / max(by_trial, 1e-300))
+    return min(2 * tries * float(stats.t.sf(sure, count - 1)), 1.0)
 
 
 def decide(
@@ -256,7 +251,7 @@ def decide(
             f"accounts for {_accounted(before, after):.2%} of the force, less than the {tolerance:.1%} "
             "that any model's own calculation may be off"
         )
-    elif scattered := over_trials and sureness_over_trials(before, after) < STANDARD_ERRORS:
+    elif scattered := over_trials and _scattered(before, after):
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
     nil = {
         name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
@@ -278,6 +273,14 @@ def decide(
     return Decision(
         not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered
     )
+
+
+def _scattered(before: HeldOut, after: HeldOut) -> bool:
+    """Whether the gain is within two standard errors over the trials, and no surer trial by trial."""
+    gain, error = gain_over_trials(before, after)
+    if not np.isfinite(error) or gain >= STANDARD_ERRORS * error:
+        return False
+    return chance_over_trials(before, after, 1) > CHANCE
 
 
 def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:

@@ -75,6 +75,8 @@ def test_a_gain_in_every_trial_counts_though_one_holds_most_of_the_error():
     gain, error = gain_over_trials(before, after)
     assert gain < 2.0 * error
     assert decide(RadialRunout, before, after, 1e-9, RUNOUT).accepted
+    uneven = _heldout([0.9, 0.018, 0.01, 0.02, 0.02])
+    assert not decide(RadialRunout, before, uneven, 1e-9, RUNOUT).accepted
 
 
 def test_an_interval_that_includes_nothing_is_refused():
