@@ -18,8 +18,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting import AbstractEffect, ForceModel
-from mjx_cutting.tracing.problem import Problem, model_at, model_lines, shared_bias
+from mjx_cutting.tracing.problem import Problem
 
 _PHASES = 1024
 _GAUSS_NEWTON = 4
@@ -32,8 +31,7 @@ class Residual(eqx.Module):
     Fields:
         weighted: [R, P, 3] residual with nuisances projected out, in standard deviations.
         remaining_n: [R, P, 3] whitened residual with the nuisances at their best, N; its sum of squares is
-        the
-            squared error over the samples, less the part between the lines.
+            the squared error over the samples, less the part between the lines.
         phase_rad: [R] phase of each trial.
         bias_n: [R, 3] bias of each trial, N.
     """
@@ -42,16 +40,6 @@ class Residual(eqx.Module):
     remaining_n: Array
     phase_rad: Array
     bias_n: Array
-
-
-def residual(problem: Problem, x: Array, effects: tuple[type[AbstractEffect], ...]) -> Residual:
-    """Residual of every trial at the global unknowns `x`."""
-    return residual_of(problem, model_at(problem, x, effects), shared_bias(problem, x))
-
-
-def residual_of(problem: Problem, model: ForceModel, shared_bias_n: ArrayLike = 0.0) -> Residual:
-    """Residual of every trial under a given model; `shared_bias_n` [3] is the session's bias, N."""
-    return residual_of_lines(problem, model_lines(problem, model), shared_bias_n)
 
 
 def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike = 0.0) -> Residual:

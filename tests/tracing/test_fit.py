@@ -12,8 +12,8 @@ from mjx_cutting.cutting.effects import RadialRunout
 from mjx_cutting.tracing.fit import base_starts, effect_starts, fit, freedom, reweighted, spread
 from mjx_cutting.tracing.heldout import folds, held_out
 from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import out_of_range, pose
-from mjx_cutting.tracing.residual import residual, residual_of_lines
+from mjx_cutting.tracing.problem import model_lines, out_of_range, pose
+from mjx_cutting.tracing.residual import residual_of_lines
 from mjx_cutting.trials.synthetic import Hidden
 
 
@@ -60,11 +60,10 @@ def test_residual_does_not_depend_on_where_a_trial_begins(clean):
     ]
     moved = dataclasses.replace(dataset, trials=tuple(later))
     lines = compress(moved, trusted_band(moved, None))
-    again = residual(pose(moved, lines), found.x, ())
+    problems = pose(moved, lines), problem
+    again, whole = (residual_of_lines(each, model_lines(each, found.model)) for each in problems)
     per_sample = np.sqrt(np.asarray(again.remaining_n**2).sum() / lines.samples.sum())
-    before = np.sqrt(
-        np.asarray(residual(problem, found.x, ()).remaining_n ** 2).sum() / (lines.samples + 700).sum()
-    )
+    before = np.sqrt(np.asarray(whole.remaining_n**2).sum() / (lines.samples + 700).sum())
     assert per_sample == pytest.approx(before, rel=0.3)
 
 
