@@ -27,6 +27,7 @@ from mjx_cutting.cutting.tool import Tool
 
 _CONTACT_SHARE = 0.02
 _CONTACT_M = 1e-12
+_NEARLY_ONE = 1.0 - 1e-9
 
 
 class Cutter(NamedTuple):
@@ -87,15 +88,24 @@ def chip_under(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     return _thickness(cutter, cut, tool, angle, behind, contact, width_m)
 
 
-def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array) -> Chip:
-    """The same with every edge element at its own angles `own_rad` [K], all inside the arc, [K, S, N]."""
+def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array, cell_rad: Array) -> Chip:
+    """The same, [K, S, N], with every edge element at its own angles `own_rad` [K], all inside the arc; each
+    stands for `cell_rad` [K] of it."""
     behind, width_m, _ = edge_lags(cutter, cut, tool)
     angle = jnp.asarray(own_rad)[..., None, None] + jnp.zeros_like(behind)
-    return _thickness(cutter, cut, tool, angle, behind, jnp.ones_like(angle), width_m)
+    cell = jnp.asarray(cell_rad)[..., None, None]
+    return _thickness(cutter, cut, tool, angle, behind, jnp.ones_like(angle), width_m, cell)
 
 
 def _thickness(
-    cutter: Cutter, cut: Cut, tool: Tool, angle: Array, behind: Array, contact: Array, width_m: Array
+    cutter: Cutter,
+    cut: Cut,
+    tool: Tool,
+    angle: Array,
+    behind: Array,
+    contact: Array,
+    width_m: Array,
+    cell: Array | None = None,
 ) -> Chip:
     sine = jnp.sin(angle)
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
@@ -103,9 +113,16 @@ def _thickness(
         bare = feed_m / tool.teeth * sine
     else:
         bare = carried_over(cutter, feed_m, sine, _reach(cutter, angle, behind))
-        ramp = _CONTACT_SHARE * feed_m / tool.teeth + _CONTACT_M
-        contact = contact * jnp.clip(0.5 + bare / ramp, 0.0, 1.0)
+        ramp = _CONTACT_SHARE * feed_m / tool.teeth if cell is None else cell * _steepness(bare, angle)
+        contact = contact * jnp.clip(0.5 + bare / (ramp + _CONTACT_M), 0.0, 1.0)
     return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
+
+
+def _steepness(bare: Array, angle: Array) -> Array:
+    """[K, S, N] how fast the chip changes with the angle along the arc, m."""
+    rise = jnp.concatenate([bare[:1], bare, bare[-1:]])
+    run = jnp.concatenate([angle[:1], angle, angle[-1:]])
+    return jnp.abs((rise[2:] - rise[:-2]) / (run[2:] - run[:-2]))
 
 
 def touching(bare_m: Array, feed_per_tooth_m: Array) -> Array:
@@ -134,8 +151,13 @@ def _reach(cutter: Cutter, angle: Array, behind: Array) -> Array:
 
 def carried_over(cutter: Cutter, feed_m: Array, sine: Array, reach_m: Array) -> Array:
     """[..., S, N] min over m of advance x sine + r_j - r_{j-m}, from the teeth's reach [N] or [..., S, N]."""
+    apart, step = _to_earlier(cutter, reach_m)
+    return jnp.min((feed_m * sine)[..., None] * (apart / (2.0 * np.pi)) + step, axis=-1)
+
+
+def _to_earlier(cutter: Cutter, reach_m: Array) -> tuple[Array, Array]:
+    """[N, M] angle from each tooth to the m-th before it, rad; [..., N, M] how much further it reaches, m."""
     tooth = np.arange(cutter.lag_rad.shape[0])
     before = (tooth[:, None] - tooth - 1) % len(tooth)
     apart = cutter.lag_rad[:, None] - cutter.lag_rad[before] + 2.0 * np.pi * (before >= tooth[:, None])
-    step = reach_m[..., None] - reach_m[..., before]
-    return jnp.min((feed_m * sine)[..., None] * (apart / (2.0 * np.pi)) + step, axis=-1)
+    return apart, reach_m[..., None] - reach_m[..., before]

@@ -73,13 +73,14 @@ class ForceModel(eqx.Module):
         return self._affected(engaged_chip(self.cutter(), cut, self.tool), cut)
 
     def elements_in_arc(
-        self, cut: Cut, share: Array
+        self, cut: Cut, share: Array, cell: Array
     ) -> tuple[Array, Array, Array, tuple[Array, Array] | None]:
         """Process force of every edge element where it is in the arc, for mills and saws that `turn_evenly`.
 
         Arguments:
             cut: scalar conditions.
             share: [K] places in the engagement arc, 0 at entry, 1 at exit.
+            cell: [K] share of the arc that each place stands for.
 
         Returns:
             [K, S, N, 3] force of each element, N; [K] its own angle there, rad; [S, N] its lag: the tool
@@ -88,9 +89,10 @@ class ForceModel(eqx.Module):
         """
         cut = self._engaged(cut)
         entry = jnp.asarray(cut.entry_rad)
-        own = entry + (jnp.asarray(cut.exit_rad) - entry) * share
+        arc_rad = jnp.asarray(cut.exit_rad) - entry
+        own = entry + arc_rad * share
         cutter = self.cutter()
-        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own), cut)
+        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own, arc_rad * cell), cut)
         local = self.edge_force(chip, cut)
         lag = edge_lags(cutter, cut, self.tool)[0]
         force = elements_to_process(local.chip + local.edge, chip, self.tool)

@@ -6,7 +6,8 @@ f_s. Holds for effects without slow memory; where conditions drift, take one rev
 
 Two ways to c_n. Where every tooth sweeps the same arc, its force is integrated over that arc alone by Gauss
 and Legendre's rule, and the tooth's place on the tool is a factor exp(-i n lag): exact at entry and exit,
-smooth in every parameter, and nothing is evaluated out of cut, which for a saw is nearly everywhere.
+smooth in every parameter, and nothing is evaluated out of cut, which for a saw is nearly everywhere. A tooth
+that starts to touch within the arc counts, there, with the share of the node's cell in which it does.
 Otherwise the revolution is evaluated at even angles, entry and exit averaged over the angle step
 (`Cut.gate_rad`), so that the steps of the edge force do not alias.
 """
@@ -59,7 +60,9 @@ def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: 
 def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
     """[orders + 1, 3] lines of the edges' force over time, from `nodes` angles of the arc."""
     node, weight = np.polynomial.legendre.leggauss(nodes)
-    force, own, lag, even = model.elements_in_arc(cut, jnp.asarray(0.5 + 0.5 * node))
+    force, own, lag, even = model.elements_in_arc(
+        cut, jnp.asarray(0.5 + 0.5 * node), jnp.asarray(0.5 * weight)
+    )
     order = np.arange(orders + 1)
     share = weight * (own[-1] - own[0]) / (node[-1] - node[0]) / (2.0 * np.pi)
     if even is not None:
