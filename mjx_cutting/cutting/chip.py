@@ -27,7 +27,7 @@ from mjx_cutting.cutting.tool import Tool
 
 _CONTACT_SHARE = 0.02
 _CONTACT_M = 1e-12
-_NEARLY_ONE = 1.0 - 1e-9
+_NO_ARC_RAD = 1e-12
 
 
 class Cutter(NamedTuple):
@@ -122,7 +122,7 @@ def _steepness(bare: Array, angle: Array) -> Array:
     """[K, S, N] how fast the chip changes with the angle along the arc, m."""
     rise = jnp.concatenate([bare[:1], bare, bare[-1:]])
     run = jnp.concatenate([angle[:1], angle, angle[-1:]])
-    return jnp.abs((rise[2:] - rise[:-2]) / (run[2:] - run[:-2]))
+    return jnp.abs(rise[2:] - rise[:-2]) / jnp.maximum(run[2:] - run[:-2], _NO_ARC_RAD)
 
 
 def touching(bare_m: Array, feed_per_tooth_m: Array) -> Array:
