@@ -177,19 +177,20 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Search
 
 
 def _refitted(
-    first: Pass,
-    rest: Dataset,
-    kinds: Sequence[type[AbstractEffect]],
-    share: float,
-    searches: _Searches,
+    first: Pass, rest: Dataset, kinds: Sequence[type[AbstractEffect]], share: float, searches: _Searches
 ) -> Pass:
-    """The steady pass over `rest`: all `kinds` again where much was swallowed, else those of `first` if they
-    still hold."""
-    if share < _MUCH:
-        same = searches.steady(rest, first.search.effects)
-        if same.search.effects == first.search.effects:
-            return replace(same, search=replace(same.search, rounds=first.search.rounds))
-    return searches.steady(rest, kinds)
+    """The steady pass over `rest`: all `kinds` again, unless little was swallowed and nothing else is left or
+    was found."""
+    if share >= _MUCH or first.search.effects or not _near_floor(first):
+        return searches.steady(rest, kinds)
+    alone = searches.steady(rest, ())
+    return replace(alone, search=replace(alone.search, rounds=first.search.rounds))
+
+
+def _near_floor(found: Pass) -> bool:
+    """Whether the pass leaves no more than noise and calculation do."""
+    floor = noise_floor(found.dataset, found.lines)
+    return found.final.nrmse <= reached(floor, found.search.problem.tolerance)
 
 
 def _by_position(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:
@@ -197,11 +198,8 @@ def _by_position(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _
     along the path. Tried beside such are the most telling effects of the first round."""
     dataset, rounds = first.dataset, first.search.rounds
     moving = [kind for kind in kinds if kind.by_position]
-    near_floor = first.final.nrmse <= reached(
-        noise_floor(dataset, first.lines), first.search.problem.tolerance
-    )
     on_path = first.search.problem.motion is not None
-    if on_path or not moving or near_floor or not rounds or dataset.tool.kind in LEVEL_KINDS:
+    if on_path or not moving or _near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
         return first
     pieces = in_pieces(dataset, first.lines)
     if pieces is None:
