@@ -20,6 +20,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.engagement import inside
@@ -85,7 +86,10 @@ def chip_under(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     contact = inside(
         angle, jnp.asarray(cut.entry_rad)[..., None, None], jnp.asarray(cut.exit_rad)[..., None, None], gate
     )
-    return _thickness(cutter, cut, tool, angle, behind, contact, width_m)
+    bare, feed_m = _bare(cutter, cut, tool, angle, behind)
+    if not cutter.even:
+        contact = contact * _begun(bare, _CONTACT_SHARE * feed_m)
+    return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
 
 
 def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array, cell_rad: Array) -> Chip:
@@ -93,29 +97,25 @@ def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array, cell_rad: 
     stands for `cell_rad` [K] of it."""
     behind, width_m, _ = edge_lags(cutter, cut, tool)
     angle = jnp.asarray(own_rad)[..., None, None] + jnp.zeros_like(behind)
+    bare, _ = _bare(cutter, cut, tool, angle, behind)
     cell = jnp.asarray(cell_rad)[..., None, None]
-    return _thickness(cutter, cut, tool, angle, behind, jnp.ones_like(angle), width_m, cell)
-
-
-def _thickness(
-    cutter: Cutter,
-    cut: Cut,
-    tool: Tool,
-    angle: Array,
-    behind: Array,
-    contact: Array,
-    width_m: Array,
-    cell: Array | None = None,
-) -> Chip:
-    sine = jnp.sin(angle)
-    feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
-    if cutter.even:
-        bare = feed_m / tool.teeth * sine
-    else:
-        bare = carried_over(cutter, feed_m, sine, _reach(cutter, angle, behind))
-        ramp = _CONTACT_SHARE * feed_m / tool.teeth if cell is None else cell * _steepness(bare, angle)
-        contact = contact * jnp.clip(0.5 + bare / (ramp + _CONTACT_M), 0.0, 1.0)
+    contact = jnp.ones_like(angle) if cutter.even else _begun(bare, cell * _steepness(bare, angle))
     return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
+
+
+def _bare(cutter: Cutter, cut: Cut, tool: Tool, angle: Array, behind: Array) -> tuple[Array, Array]:
+    """[..., S, N] chip thickness, negative where a tooth does not reach the sheet, m; feed per tooth, m."""
+    sine, feed_m = jnp.sin(angle), jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
+    each_m = feed_m / tool.teeth
+    if cutter.even:
+        return each_m * sine, each_m
+    return carried_over(cutter, feed_m, sine, _reach(cutter, angle, behind)), each_m
+
+
+def _begun(bare_m: Array, ramp_m: Array) -> Array:
+    """Share of contact of an element of unclipped chip thickness `bare_m`, which changes by `ramp_m` over
+    what the element stands for."""
+    return jnp.clip(0.5 + bare_m / (ramp_m + _CONTACT_M), 0.0, 1.0)
 
 
 def _steepness(bare: Array, angle: Array) -> Array:
@@ -151,13 +151,14 @@ def _reach(cutter: Cutter, angle: Array, behind: Array) -> Array:
 
 def carried_over(cutter: Cutter, feed_m: Array, sine: Array, reach_m: Array) -> Array:
     """[..., S, N] min over m of advance x sine + r_j - r_{j-m}, from the teeth's reach [N] or [..., S, N]."""
-    apart, step = _to_earlier(cutter, reach_m)
+    before, apart = earlier_passes(cutter, cutter.lag_rad.shape[0])
+    step = reach_m[..., None] - reach_m[..., before]
     return jnp.min((feed_m * sine)[..., None] * (apart / (2.0 * np.pi)) + step, axis=-1)
 
 
-def _to_earlier(cutter: Cutter, reach_m: Array) -> tuple[Array, Array]:
-    """[N, M] angle from each tooth to the m-th before it, rad; [..., N, M] how much further it reaches, m."""
-    tooth = np.arange(cutter.lag_rad.shape[0])
-    before = (tooth[:, None] - tooth - 1) % len(tooth)
-    apart = cutter.lag_rad[:, None] - cutter.lag_rad[before] + 2.0 * np.pi * (before >= tooth[:, None])
-    return apart, reach_m[..., None] - reach_m[..., before]
+def earlier_passes(cutter: Cutter, passes: int) -> tuple[NDArray[np.int64], Array]:
+    """[N, M] which tooth cut m = 1..M passes before each, and the angle between the two, rad."""
+    tooth, m = np.arange(cutter.lag_rad.shape[0])[:, None], np.arange(1, passes + 1)
+    before = (tooth - m) % len(tooth)
+    turns = (before - tooth + m) // len(tooth)
+    return before, cutter.lag_rad[:, None] - cutter.lag_rad[before] + 2.0 * np.pi * turns

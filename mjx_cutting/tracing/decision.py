@@ -236,6 +236,7 @@ def decide(
     `in_range` False that of the range, of which `physical` then tells; `tolerance` is the share of the force
     that a model's own calculation may be off."""
     gain, error = gain_over_trials(before, after)
+    within = gain < STANDARD_ERRORS * error and chance_over_trials(before, after, 1) > CHANCE
     reasons, scattered = [], False
     if p_chance > CHANCE:
         reasons.append(
@@ -251,7 +252,7 @@ def decide(
             f"accounts for {_accounted(before, after):.2%} of the force, less than the {tolerance:.1%} "
             "that any model's own calculation may be off"
         )
-    elif scattered := over_trials and _scattered(before, after):
+    elif scattered := over_trials and within:
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
     nil = {
         name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
@@ -273,14 +274,6 @@ def decide(
     return Decision(
         not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered
     )
-
-
-def _scattered(before: HeldOut, after: HeldOut) -> bool:
-    """Whether the gain is within two standard errors over the trials, and no surer trial by trial."""
-    gain, error = gain_over_trials(before, after)
-    if not np.isfinite(error) or gain >= STANDARD_ERRORS * error:
-        return False
-    return chance_over_trials(before, after, 1) > CHANCE
 
 
 def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:

@@ -159,7 +159,6 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Search
     taken, share = _whole(first), _swallowed(first)
     if taken is None or share < _SWALLOWED:
         return first
-    found = first
     for _ in range(_TIMES):
         searches.progress("once more, without what was found along the trials")
         rest = _refitted(first, _without(first.dataset, taken), kinds, share, searches)

@@ -21,10 +21,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from numpy.typing import NDArray
 
-from mjx_cutting.cutting.chip import Chip, Cutter, touching
+from mjx_cutting.cutting.chip import Chip, Cutter, carried_over, earlier_passes, touching
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
@@ -80,7 +82,7 @@ class RegenerativeChatter(AbstractEffect):
         now = compliance * (response[0] + 0.5 * dt_s * response[1])
         line = jnp.concatenate([now[None], past])
         speed = jnp.maximum(jnp.asarray(cut.spindle_speed_rev_s), 1e-9)
-        steps = _apart_rad(model.cutter()) / (2.0 * jnp.pi * speed * dt_s)
+        steps = _passes(model.cutter())[1].T / (2.0 * jnp.pi * speed * dt_s)
         lower = jnp.clip(jnp.floor(steps), 0, HISTORY - 1).astype(int)
         share = (steps - lower)[..., None]
         then = line[lower] * (1.0 - share) + line[lower + 1] * share
@@ -104,17 +106,14 @@ class RegenerativeChatter(AbstractEffect):
         moved, cutter = jnp.asarray(self.moved_m), model.cutter()
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
         sine, cosine = jnp.sin(chip.angle_rad), jnp.cos(chip.angle_rad)
-        rigid, wavy = [], []
-        for m, apart in enumerate(_apart_rad(cutter)):
-            step = cutter.radius_m - jnp.roll(cutter.radius_m, m + 1)
-            left = feed_m * (apart / (2.0 * jnp.pi)) * sine + step
-            wave = moved[m, :, 0] * sine + moved[m, :, 1] * cosine
-            beyond = _NO_SURFACE_M * (1.0 - jnp.asarray(self.known)[m]) if m > 0 else 0.0
-            rigid.append(left)
-            wavy.append(left + wave + beyond)
+        before, apart = _passes(cutter)
+        step = cutter.radius_m[:, None] - cutter.radius_m[before]
+        left = (feed_m * sine)[..., None] * (apart / (2.0 * jnp.pi)) + step
+        wave = moved[..., 0].T * sine[..., None] + moved[..., 1].T * cosine[..., None]
+        beyond = _NO_SURFACE_M * (1.0 - jnp.asarray(self.known).T).at[:, 0].set(0.0)
         # what the chip was before, by the effects ahead, less what the rigid tool would have left of it
-        without = jnp.maximum(jnp.min(jnp.stack(rigid), axis=0), 0.0)
-        bare = chip.thickness_m + jnp.min(jnp.stack(wavy), axis=0) - without
+        without = jnp.maximum(carried_over(cutter, feed_m, sine, cutter.radius_m), 0.0)
+        bare = chip.thickness_m + jnp.min(left + wave + beyond, axis=-1) - without
         return chip._replace(
             thickness_m=jnp.maximum(bare, 0.0),
             contact=chip.contact * touching(bare, feed_m / model.tool.teeth),
@@ -131,12 +130,6 @@ class RegenerativeChatter(AbstractEffect):
         return (response, jnp.concatenate([now[None], past[:-1]])), force
 
 
-def _apart_rad(cutter: Cutter) -> Array:
-    """[M, N] angle between each tooth and the one m before it, m = 1..M, rad."""
-    teeth = cutter.lag_rad.shape[0]
-    rows = []
-    for m in range(1, max(teeth, PASSES) + 1):
-        turns, rest = divmod(m, teeth)
-        apart = cutter.lag_rad - jnp.roll(cutter.lag_rad, rest) + 2.0 * jnp.pi * turns
-        rows.append(jnp.where(jnp.arange(teeth) < rest, apart + 2.0 * jnp.pi, apart))
-    return jnp.stack(rows)
+def _passes(cutter: Cutter) -> tuple[NDArray[np.int64], Array]:
+    """Teeth and angles of the passes looked back at, [N, M]."""
+    return earlier_passes(cutter, max(cutter.lag_rad.shape[0], PASSES))

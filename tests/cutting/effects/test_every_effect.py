@@ -188,6 +188,16 @@ def test_order_lines_are_the_record_of_a_steady_cut(name: str, float64: None):
     np.testing.assert_allclose(measured, lines, atol=0.01 * np.abs(wave).max())
 
 
+@pytest.mark.parametrize("name", [name for name in NAMES if effect_class(name).alike])
+def test_lines_found_from_one_tooth_are_those_of_all(name: str, float64: None, monkeypatch):
+    def lines() -> np.ndarray:
+        return np.asarray(order_lines(model(example(name)), conditions(), 60, 960))
+
+    one = lines()
+    monkeypatch.setattr(effect_class(name), "alike", False)
+    np.testing.assert_allclose(one, lines(), atol=1e-12 * np.abs(one).max())
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_file_and_back(name: str):
     the_model = model(example(name))
