@@ -7,7 +7,7 @@ wave of the chip and one of the edge, on which they act (`slow_kinds`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,7 @@ class Course:
         delay_s: by how much later the force is seen, behind the known anti-alias filter.
         pitch_s: time from one tooth to the next.
         apart: whether the steady model was fitted to records without what is looked for.
+        chip_by_fold, edge_by_fold: [F, 3] those waves with each fold of trials left out, as shares of them.
     """
 
     time_s: Array
@@ -49,6 +50,13 @@ class Course:
     apart: bool = False
     delay_s: float = 0.0
     pitch_s: float = 1e-3
+    chip_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
+    edge_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
+
+    def without(self, fold: int) -> Course:
+        """The trial under the steady model that was fitted without a fold."""
+        chip, edge = self.chip_by_fold[fold], self.edge_by_fold[fold]
+        return replace(self, chip_n=self.chip_n * chip, edge_n=self.edge_n * edge)
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""

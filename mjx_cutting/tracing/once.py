@@ -30,9 +30,10 @@ from mjx_cutting.tracing.prediction import Prediction, grows, predictions
 from mjx_cutting.tracing.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.screening import screen
 from mjx_cutting.tracing.search import Search, search
-from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, courses, search_slow
+from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, search_slow
 from mjx_cutting.tracing.slow_kinds import KINDS
 from mjx_cutting.tracing.verdict import final, reached
+from mjx_cutting.tracing.waves import courses
 from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.002
@@ -121,7 +122,9 @@ class _Searches:
         ways = KINDS
         if dataset.tool.kind not in LEVEL_KINDS:
             ways = (*KINDS, entry_exit(found.lines, problem, model))
-        trials = courses(dataset, found.lines, problem, model, found.after)
+        fits = found.search.final.fits
+        folds = None if fits is None else fits.model
+        trials = courses(dataset, found.lines, problem, model, found.after, folds)
         trials = tuple(replace(each, apart=apart) for each in trials)
         weight, tolerance = np.asarray(problem.weight), problem.tolerance
         rounds = search_slow(trials, before, weight, self.names, ways, self.progress, tolerance, in_range)
@@ -154,12 +157,13 @@ def once(
 
 
 def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:
-    """The pass with its steady model freed of what it has swallowed; `first` where then nothing is left of
-    what was found along the trials."""
+    """The pass with its steady model freed of what it has swallowed, or of what hid the rest from it; `first`
+    where then nothing is left of what was found along the trials."""
     taken, share = _whole(first), _swallowed(first)
-    if taken is None or share < _SWALLOWED:
+    hidden = share < _SWALLOWED
+    if taken is None or (hidden and _near_floor(first)):
         return first
-    for _ in range(_TIMES):
+    for _ in range(1 if hidden else _TIMES):
         searches.progress("once more, without what was found along the trials")
         rest = _refitted(first, _without(first.dataset, taken), kinds, share, searches)
         after, before = _on_the_whole(first.dataset, rest, taken)

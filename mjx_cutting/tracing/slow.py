@@ -8,20 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.cutting import AbstractEffect, ForceModel, Material
-from mjx_cutting.tracing.course import Course, felt_at
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.course import Course
 from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance_over_trials, decide, interval
 from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.line_gain import filter_delay_s
-from mjx_cutting.tracing.lines import Lines
-from mjx_cutting.tracing.prediction import Prediction, wave
-from mjx_cutting.tracing.problem import Problem, model_lines
 from mjx_cutting.tracing.shapes import (
     Sums,
     error_change,
@@ -31,7 +26,6 @@ from mjx_cutting.tracing.shapes import (
     sums,
 )
 from mjx_cutting.tracing.slow_kinds import KINDS, Kind, as_values
-from mjx_cutting.trials.dataset import Dataset
 
 MOST_SLOW = 3
 _HATS = 24
@@ -65,56 +59,6 @@ class SlowRound:
     def runner_up(self) -> SlowCandidate | None:
         """The best candidate that was not accepted."""
         return next((each for each in self.candidates if each is not self.accepted), None)
-
-
-def courses(
-    dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, after: Sequence[Prediction]
-) -> tuple[Course, ...]:
-    """The cut trials as slow effects see them, under the best steady model and its predictions."""
-    # the inertia of what the sensor carries is of neither chip nor edge
-    own = tuple(each for each in model.effects if type(each) not in problem.given)
-    model, material = ForceModel(model.tool, model.material, own), model.material
-    chip = Material(material.K_tc_n_m2, 0.0, material.K_rc_n_m2, 0.0, material.K_ac_n_m2, 0.0)
-    parts = jnp.stack(
-        [
-            jnp.asarray(each)
-            for each in (_lines(problem, replace_material(model, chip)), _lines(problem, model))
-        ]
-    )
-    chip_lines, whole_lines = np.asarray(parts)
-    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
-    delay_s, found = filter_delay_s(dataset.sensor), []
-    for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
-        chip_n = wave(lines, index, each.angle_rad, chip_lines[index], dataset.sensor.sample_rate_hz)
-        whole_n = wave(lines, index, each.angle_rad, whole_lines[index], dataset.sensor.sample_rate_hz)
-        measured = trial.feed_speed_measured_m_s
-        found.append(
-            Course(
-                time_s=each.time_s,
-                position_m=felt_at(trial, delay_s),
-                feed_share=None if measured is None else measured / trial.feed_speed_m_s - 1.0,
-                chip_n=chip_n,
-                edge_n=whole_n - chip_n,
-                left_n=each.residual_n,
-                rate_hz=dataset.sensor.sample_rate_hz,
-                band_hz=lines.band_hz,
-                index=index,
-                angle_rad=each.angle_rad,
-                delay_s=delay_s,
-                pitch_s=1.0 / (dataset.tool.teeth * each.speed_rev_s),
-            )
-        )
-    return tuple(found)
-
-
-def replace_material(model: ForceModel, material: Material) -> ForceModel:
-    """The model with other constants."""
-    return ForceModel(model.tool, material, model.effects)
-
-
-@jax.jit
-def _lines(problem: Problem, model: ForceModel) -> jax.Array:
-    return model_lines(problem, model)
 
 
 def search_slow(
@@ -204,9 +148,11 @@ def _try(
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
     parameters = _intervals(kind, effect, by_fold, error_of_it / accounted)
-    decision = decide(
-        kind.effect, before, after, p, parameters, tolerance=reach * tolerance, in_range=in_range
-    )
+    judged = partial(decide, kind.effect, before, after, p, tolerance=reach * tolerance, in_range=in_range)
+    decision = judged(parameters)
+    if decision.accepted and len(trials[0].chip_by_fold):
+        by_fold = _of_unsure_force(kind, trials, shapes[best], c, weight, by_fold)
+        decision = judged(_intervals(kind, effect, by_fold, error_of_it / accounted))
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)
@@ -268,6 +214,29 @@ def _intervals(
         error = unsure * np.abs(whole[name]) if name == kind.effect.strength else 0.0
         by_name = np.stack([each[name] for each in by_fold])
         found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error, on_grid=True)
+    return found
+
+
+def _of_unsure_force(
+    kind: Kind,
+    trials: Sequence[Course],
+    shape: Array,
+    c: Array,
+    weight: Array,
+    by_fold: list[dict[str, Array]],
+) -> list[dict[str, Array]]:
+    """The parameters of the folds, each strength beside the steady model that was fitted without that fold:
+    where this calculates less force, the same change is a larger share of it."""
+    found = []
+    for fold, values in enumerate(by_fold):
+        common = energy = 0.0
+        for course in trials:
+            whole = (kind.columns(course, shape) @ c) * weight
+            other = (kind.columns(course.without(fold), shape) @ c) * weight
+            common += float(np.sum(whole * other))
+            energy += float(np.sum(other**2))
+        strength = kind.effect.strength
+        found.append(values | {strength: values[strength] * (common / max(energy, 1e-300))})
     return found
 
 

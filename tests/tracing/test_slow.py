@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import signal, stats
 
 from mjx_cutting.tracing.course import Course, along_path, felt_at
 from mjx_cutting.tracing.heldout import HeldOut
@@ -189,3 +191,23 @@ def test_a_stair_holds_the_feed_of_its_own_beginning_and_each_tooth_cuts_what_wa
     off_steps = np.abs(np.sin(np.pi * (time - delay) / period)) > 1e-6
     seen = stair.columns(course, np.array([period]))[:, 1, 0]
     np.testing.assert_allclose(seen[off_steps], np.array(expected)[off_steps], atol=1e-4)
+
+
+def test_a_share_is_known_no_better_than_the_force_that_it_is_of():
+    """Where the fits of the folds do not agree on that: the share's interval is wider, the place's is not."""
+    trials, before = _trials(lambda s, i: 0.3 * np.cos(2 * np.pi * s / 6e-3 + 0.5))
+    sure = np.ones((TRIALS, 3))
+    unsure = np.array([0.95, 1.03, 1.0, 1.08, 0.97, 0.97])[:, None] * sure
+
+    def intervals(chip_by_fold):
+        seen = [replace(each, chip_by_fold=chip_by_fold, edge_by_fold=sure) for each in trials]
+        return search_slow(seen, before, np.full(3, 1.0 / NOISE_N))[0].accepted.decision.parameters
+
+    narrow, wide = intervals(sure), intervals(unsure)
+    half = 0.5 * (wide["amplitude"].high - wide["amplitude"].low)
+    jackknife = np.sqrt(
+        (TRIALS - 1) / TRIALS * np.sum((1.0 / unsure[:, 0] - np.mean(1.0 / unsure[:, 0])) ** 2)
+    )
+    assert half > 2.5 * (narrow["amplitude"].high - narrow["amplitude"].low)
+    assert half == pytest.approx(stats.t.ppf(0.975, TRIALS - 1) * 0.3 * jackknife, rel=0.1)
+    assert wide["wavelength_m"] == narrow["wavelength_m"]

@@ -1,0 +1,22 @@
+"""Two effects at once, one steady and one along the trial: either hides the other until it is taken out."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.study import make
+from mjx_cutting.tracing.trace import trace
+
+
+@pytest.mark.slow
+def test_wear_is_found_beneath_a_periodic_material():
+    """The variation with position, twelve per cent, is more than six times what wear leaves; none of it is
+    taken for wear by a steady model, so nothing but what remains says that there is more to find."""
+    hidden = {"flank_wear": "medium", "material_periodicity": "medium"}
+    case = make("mill", hidden, seed=402)
+    found = trace(case.dataset, effects=[*hidden, "clamp_mode", "layered_material", "size_effect"])
+    assert {each["name"] for each in found.verdict["effects"]} == set(hidden)
+    assert found.verdict["verdict"] == "explained"
+    assert found.verdict["after"]["heldout_nrmse"] < 1.1 * found.verdict["noise_floor_nrmse"]
+    periodic = next(each for each in found.model.effects if each.name == "material_periodicity")
+    assert float(periodic.amplitude) == pytest.approx(0.25, rel=0.02)

@@ -1,0 +1,69 @@
+"""The force that effects along a trial act on: the chip's, the edge's, and how sure the fits are of it."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting import ForceModel, Material, Tool
+from mjx_cutting.cutting.effects import FlankWear
+from mjx_cutting.tracing.lines import compress, trusted_band
+from mjx_cutting.tracing.prediction import predictions
+from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.waves import courses
+
+CHIP, EDGE = (8e8, 2.4e8, 1.2e8), (2e4, 1.6e4, 4e3)
+WEAR = FlankWear(np.array([3e8, 6e8, 2e8]), rate=1e-3)
+
+
+def _model(chip, edge, *effects) -> ForceModel:
+    (tc, rc, ac), (te, re, ae) = chip, edge
+    return ForceModel(Tool("end_mill", 4, 0.016), Material(tc, te, rc, re, ac, ae), effects)
+
+
+@pytest.fixture(scope="module")
+def seen(mill):
+    """Call it with a model, and with those of the folds: the courses of six slots."""
+    with jax.enable_x64(True):
+        dataset = mill()
+        lines = compress(dataset, trusted_band(dataset, None))
+        problem = pose(dataset, lines)
+
+        def look(model, folds=None):
+            return courses(dataset, lines, problem, model, predictions(dataset, lines, problem, model), folds)
+
+        yield look
+
+
+def test_chip_and_edge_are_the_whole_force_and_each_its_own(seen):
+    none = (0.0, 0.0, 0.0)
+    whole, chip, edge = (seen(_model(*each)) for each in ((CHIP, EDGE), (CHIP, none), (none, EDGE)))
+    for one, of_chip, of_edge in zip(whole, chip, edge, strict=True):
+        size = np.abs(one.chip_n).max()
+        assert size > 10.0
+        np.testing.assert_allclose(of_edge.chip_n, 0.0, atol=1e-9 * size)
+        np.testing.assert_allclose(of_chip.edge_n, 0.0, atol=1e-9 * size)
+        np.testing.assert_allclose(
+            np.std(one.chip_n, axis=0), np.std(of_chip.chip_n, axis=0), rtol=1e-2, atol=1e-2 * size
+        )
+
+
+def test_the_force_on_a_worn_land_is_of_the_edge(seen):
+    """A sheet whose chips resist more in places does not press harder on the land there."""
+    worn, sharp = seen(_model(CHIP, EDGE, WEAR)), seen(_model(CHIP, EDGE))
+    for one, other in zip(worn, sharp, strict=True):
+        chip, same = (np.sort(each.chip_n, axis=0) for each in (one, other))
+        np.testing.assert_allclose(chip, same, atol=0.02 * np.abs(same).max())
+    assert np.abs(worn[-1].edge_n).max() > 1.05 * np.abs(sharp[-1].edge_n).max()
+
+
+def test_folds_tell_how_sure_either_force_is(seen):
+    folds = [
+        _model(np.multiply(CHIP, more), np.multiply(EDGE, less)) for more, less in ((1.1, 1.0), (0.9, 0.8))
+    ]
+    stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(each) for each in leaves]), *folds)
+    for each in seen(_model(CHIP, EDGE), stacked):
+        np.testing.assert_allclose(each.chip_by_fold, [[1.1] * 3, [0.9] * 3], rtol=1e-6)
+        np.testing.assert_allclose(each.edge_by_fold, [[1.0] * 3, [0.8] * 3], rtol=1e-6)
+        np.testing.assert_allclose(each.without(1).chip_n, 0.9 * each.chip_n)
