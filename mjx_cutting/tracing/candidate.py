@@ -14,6 +14,7 @@ from mjx_cutting.tracing.decision import Decision, Interval, chance, decide, int
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, Fit, freedom, spread
 from mjx_cutting.tracing.heldout import HeldOut, held_out
+from mjx_cutting.tracing.line_by_line import rather_by_line
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.model_error import model_errors, tolerated
 from mjx_cutting.tracing.own_gain import rather_a_factor
@@ -91,6 +92,7 @@ def try_effect(
     if decision.accepted:
         why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
         why = why or rather_smeared(problem, lines, effects, found.x)
+        why = why or rather_by_line(problem, effects, before.x, found.x)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 

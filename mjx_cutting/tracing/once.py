@@ -161,7 +161,7 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Search
     where then nothing is left of what was found along the trials."""
     taken, share = _whole(first), _swallowed(first)
     hidden = share < _SWALLOWED
-    if taken is None or (hidden and _near_floor(first)):
+    if taken is None or (hidden and _near_floor(first) and not _unsure(first)):
         return first
     for _ in range(1 if hidden else _TIMES):
         searches.progress("once more, without what was found along the trials")
@@ -182,12 +182,18 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Search
 def _refitted(
     first: Pass, rest: Dataset, kinds: Sequence[type[AbstractEffect]], share: float, searches: _Searches
 ) -> Pass:
-    """The steady pass over `rest`: all `kinds` again, unless little was swallowed and nothing else is left or
-    was found."""
-    if share >= _MUCH or first.search.effects or not _near_floor(first):
+    """The steady pass over `rest`: all `kinds` again, unless little was swallowed and nothing else is left,
+    was found or was in doubt."""
+    if share >= _MUCH or first.search.effects or _unsure(first) or not _near_floor(first):
         return searches.steady(rest, kinds)
     alone = searches.steady(rest, ())
     return replace(alone, search=replace(alone.search, rounds=first.search.rounds))
+
+
+def _unsure(found: Pass) -> bool:
+    """Whether a steady effect was refused only for a gain that differs much from trial to trial."""
+    rounds = found.search.rounds
+    return bool(rounds) and any(each.decision.scattered for each in rounds[-1].candidates)
 
 
 def _near_floor(found: Pass) -> bool:

@@ -158,7 +158,7 @@ def _try(
         ratio = free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
         decision = replace(decision, accepted=False, reasons=(why,))
-    if decision.accepted and kind.ends is not None and (why := kind.ends(trials, effect)):
+    if decision.accepted and kind.rather is not None and (why := kind.rather(trials, effect)):
         decision = replace(decision, accepted=False, reasons=(why,))
     own_c = _in_each(kind, found, best, c, weight)
     added, whole = [], []

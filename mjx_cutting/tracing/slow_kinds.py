@@ -40,7 +40,7 @@ class Kind:
         build: the effect from a shape [d] and coefficients [k].
         own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
-        ends: why an effect found is rather the end of the sheet, in words; "" where it is not.
+        rather: why an effect found is more likely something else, in words; "" where it is not.
         refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
     """
 
@@ -50,7 +50,7 @@ class Kind:
     columns: Callable[[Course, Array], Array]
     build: Callable[[Array, Array], AbstractEffect]
     own_phase: bool = False
-    ends: Callable[[Sequence[Course], AbstractEffect], str] | None = None
+    rather: Callable[[Sequence[Course], AbstractEffect], str] | None = None
     refine: Callable[[Array, Array, float], Array] | None = None
     sums: Callable[[Sequence[Course], Array], Sums] | None = None
 
@@ -216,6 +216,26 @@ def _mains_effect(shape: Array, c: Array) -> AbstractEffect:
     )
 
 
+def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    """A line that stays put while the spindle changes its speed is of the mains; one that stands at a
+    multiple of the spindle in most trials may be the spindle's as well."""
+    line_hz = float(effect.values()["frequency_hz"])
+    apart = []
+    for course in courses:
+        if len(course.angle_rad) < 2:
+            return ""
+        seconds = float(np.ptp(course.time_s))
+        order = line_hz * 2.0 * np.pi * seconds / float(np.ptp(course.angle_rad))
+        turns = seconds * line_hz / order
+        apart.append(abs(order - np.round(order)) * turns > _RESOLVED)
+    if 2 * sum(apart) > len(apart):
+        return ""
+    return (
+        f"{line_hz:.2f} Hz is a multiple of the spindle's frequency in {len(apart) - sum(apart)} of "
+        f"{len(apart)} trials: what stands there may be the spindle's as well; cut at another speed"
+    )
+
+
 def _stairs(courses: Sequence[Course]) -> Array:
     return np.asarray([[0.01], [0.02], [0.025], [0.04], [0.05], [0.1]])
 
@@ -242,6 +262,7 @@ _MOST_SHAPES = 2000
 _FEWEST_WAVES = 2.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.03
+_RESOLVED = 1.5
 BY_PLACE = ("material_periodicity", "layered_material")
 """Slow effects of the sheet, bound to places on it."""
 KINDS: tuple[Kind, ...] = (
@@ -260,7 +281,7 @@ KINDS: tuple[Kind, ...] = (
         _layers,
         _layer,
         _layer_effect,
-        ends=_layer_at_the_end,
+        rather=_layer_at_the_end,
         refine=_layers_near,
         sums=_layer_sums,
     ),
@@ -271,6 +292,7 @@ KINDS: tuple[Kind, ...] = (
         _mains_columns,
         _mains_effect,
         own_phase=True,
+        rather=_mains_of_the_spindle,
         sums=_mains_sums,
     ),
     Kind(

@@ -14,6 +14,7 @@ from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
+from mjx_cutting.tracing.above_band import Above, above_band
 from mjx_cutting.tracing.axes import Reading, better_reading
 from mjx_cutting.tracing.decision import gain_over_trials
 from mjx_cutting.tracing.dependence import Dependence, dependences
@@ -116,17 +117,20 @@ def trace(
         if unnamed is not None:
             found = replace(found, model=for_use(found.dataset, unnamed.model))
             word["remaining"]["description"] += f"; {unnamed}"
+        above = above_band(found.dataset, found.model, band)
+        if above is not None:
+            word["remaining"]["description"] += f"; {above}"
     return Tracing(
         **vars(found),
         depends_before=depends_before,
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed),
+        caveats=_caveats(found, reading, unnamed, above),
     )
 
 
-def _caveats(found: Pass, *others: Reading | Unnamed | None) -> tuple[str, ...]:
+def _caveats(found: Pass, *others: Reading | Unnamed | Above | None) -> tuple[str, ...]:
     caveats = [str(each) for each in others if each is not None]
     motion = found.search.problem.motion
     if motion is not None:

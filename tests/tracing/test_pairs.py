@@ -20,3 +20,13 @@ def test_wear_is_found_beneath_a_periodic_material():
     assert found.verdict["after"]["heldout_nrmse"] < 1.1 * found.verdict["noise_floor_nrmse"]
     periodic = next(each for each in found.model.effects if each.name == "material_periodicity")
     assert float(periodic.amplitude) == pytest.approx(0.25, rel=0.02)
+
+
+@pytest.mark.slow
+def test_drift_is_found_beneath_a_hum_of_the_mains():
+    """The hum, different in each trial's share of the force, makes what drift brings look like scatter."""
+    hidden = {"thermal_drift": "medium", "mains_pickup": "medium"}
+    case = make("mill", hidden, seed=401)
+    found = trace(case.dataset, effects=[*hidden, "flank_wear", "unbalance"])
+    assert {each["name"] for each in found.verdict["effects"]} == set(hidden)
+    assert found.verdict["after"]["heldout_nrmse"] < 1.1 * found.verdict["noise_floor_nrmse"]

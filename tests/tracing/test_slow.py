@@ -114,27 +114,44 @@ def test_a_smooth_rise_along_the_path_is_not_called_a_layer():
     assert _named(lambda s, i: 0.3 * np.tanh((s - 0.02) / 0.012))[0] == []
 
 
-def test_mains_is_named_whatever_phase_each_trial_starts_at():
+HUM = np.array([0.3, 0.2, 0.25])
+
+
+def _humming(speeds_rev_s, lag=(0.0, 1.0, -2.0)):
+    """The first round on six cuts, at speeds of the spindle, that all hold a line of 50.02 Hz."""
     trials, _ = _trials(lambda s, i: 0.0 * s)
-    hum = np.array([0.3, 0.2, 0.25])
-    lag = np.array([0.0, 1.0, -2.0])
     left = [
-        each.left_n + hum * np.cos(2 * np.pi * 50.02 * each.time_s[:, None] + 1.7 * index + lag)
+        each.left_n + HUM * np.cos(2 * np.pi * 50.02 * each.time_s[:, None] + 1.7 * index + np.asarray(lag))
         for index, each in enumerate(trials)
     ]
     made = tuple(
-        Course(t.time_s, t.position_m, None, t.chip_n, t.edge_n, one, RATE_HZ, t.band_hz)
-        for t, one in zip(trials, left, strict=True)
+        replace(each, left_n=one, angle_rad=2 * np.pi * speed * each.time_s)
+        for each, one, speed in zip(trials, left, speeds_rev_s, strict=True)
     )
     error = np.stack([np.sum(one**2, axis=0) for one in left])
     before = HeldOut(error, 20.0 * error, None, np.arange(TRIALS))
     # a model of the cut may be wrong by much without putting a line there
-    found = search_slow(made, before, np.full(3, 1.0 / NOISE_N), tolerance=0.5)[0].accepted
+    return search_slow(made, before, np.full(3, 1.0 / NOISE_N), tolerance=0.5)[0]
+
+
+def test_mains_is_named_whatever_phase_each_trial_starts_at():
+    lag = (0.0, 1.0, -2.0)
+    found = _humming([17.0, 17.0, 18.0, 18.0, 19.0, 19.0], lag).accepted
     assert found is not None and found.kind.name == "mains_pickup"
     values = found.effect.values()
-    np.testing.assert_allclose(values["amplitude_n"], hum, atol=0.01)
+    np.testing.assert_allclose(values["amplitude_n"], HUM, atol=0.01)
     np.testing.assert_allclose(np.diff(values["phase_rad"]), np.diff(lag), atol=0.1)
     assert values["frequency_hz"] == pytest.approx(50.02, abs=0.02)
+
+
+@pytest.mark.parametrize(("other_rev_s", "named"), [(25.0, False), (26.0, True)])
+def test_what_stands_at_a_multiple_of_the_spindle_is_not_laid_to_the_mains(other_rev_s, named):
+    """Unless it stays there while most of the trials turn at another speed."""
+    found = _humming([25.0, 25.0, *4 * [other_rev_s]])
+    assert (found.accepted is not None) == named
+    if not named:
+        mains = next(each for each in found.candidates if each.kind.name == "mains_pickup")
+        assert "Hz is a multiple of the spindle's frequency in 6 of 6" in mains.decision.reasons[0]
 
 
 @pytest.mark.parametrize(("lines_hz", "reach"), [((50.0,), 1.0), ((25.0, 50.0), 0.5**0.5), ((80.0,), 0.0)])

@@ -87,6 +87,19 @@ def test_slotting_lacks_runout(measured_data, tmp_path):
     assert not re.search(r"(src|href)=[\"']https?:", page)
 
 
+@pytest.mark.slow
+@pytest.mark.measured
+def test_slotting_up_to_400_hz_names_no_more_than_one_speed_can_show(measured_data):
+    """Lines at 300 and 400 Hz are raised; no response and no mains is told from what the teeth do there."""
+    tried = ("radial_runout", "sensor_resonance", "sensor_lowpass", "mains_pickup", "size_effect")
+    verdict = trace(resolve("slotting"), band_hz=(0.0, 400.0), effects=tried).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["radial_runout"]
+    assert verdict["before"]["heldout_nrmse"] == pytest.approx(0.353, abs=0.02)
+    assert verdict["after"]["heldout_nrmse"] == pytest.approx(0.203, abs=0.01)
+    assert verdict["verdict"] == "partly explained"
+    assert "most of them at 775 to 1000 Hz" in verdict["remaining"]["description"]
+
+
 def test_verdict_has_the_keys_of_its_format(mill):
     verdict = trace(mill(), effects=("size_effect",)).verdict
     assert verdict["format"] == "mjx-cutting-verdict/1"
