@@ -30,6 +30,7 @@ from benchmarks.study import DESIGNS, make
 from benchmarks.study.cases import Question, questions
 from benchmarks.study.isolability import isolability
 from benchmarks.study.scoring import marked, seen_over_noise
+from benchmarks.study.strengths import LEVELS
 from benchmarks.study.tables import draw, gathered, printed
 
 
@@ -120,6 +121,7 @@ def main() -> None:
     parser.add_argument(
         "--effects", nargs="+", help='effects, "a+b", "nothing", "outside" or "pair"; default all'
     )
+    parser.add_argument("--strength", nargs="+", choices=LEVELS, help="of single effects; default all")
     parser.add_argument("--seeds", type=int, help="number of seeds (default 10, quick 1)")
     parser.add_argument("--first-seed", type=int, default=0, help="first of them (default 0)")
     parser.add_argument("--processes", type=int, default=1, help="sessions traced side by side (default 1)")
@@ -130,7 +132,7 @@ def main() -> None:
     count = arguments.seeds or (1 if arguments.quick else 10)
     seeds = range(arguments.first_seed, arguments.first_seed + count)
     log = Path(arguments.log)
-    asked = list(questions(designs, seeds, arguments.effects, arguments.quick))
+    asked = list(questions(designs, seeds, arguments.effects, arguments.quick, arguments.strength))
     rows = read(log)
     if not arguments.tables_only:
         done = {row["key"] for row in rows}

@@ -43,20 +43,27 @@ class Question:
 
 
 def questions(
-    designs: Iterable[str], seeds: Iterable[int], effects: Iterable[str] | None = None, quick: bool = False
+    designs: Iterable[str],
+    seeds: Iterable[int],
+    effects: Iterable[str] | None = None,
+    quick: bool = False,
+    strengths: Iterable[str] | None = None,
 ) -> Iterator[Question]:
     """All cases of the study, seed by seed, so that a run cut short still covers everything a little.
 
     Arguments: designs; seeds; effects: names to keep ("nothing", an effect, "a+b", or a kind such as
-    "outside"), default all; quick: medium strength and few effects only.
+    "outside"), default all; quick: medium strength and few effects only; strengths: those of single
+        effects to keep, default all.
     """
     wanted = None if effects is None else set(effects)
+    kept = set(LEVELS if strengths is None else strengths)
     levels = ("medium",) if quick else tuple(LEVELS)
     for seed in seeds:
         for design in designs:
             for each in _of_seed(design, seed, levels, quick):
                 names = "+".join(each.effects) or "nothing"
-                if wanted is None or names in wanted or each.kind in wanted:
+                asked = wanted is None or names in wanted or each.kind in wanted
+                if asked and (each.kind != "single" or each.strength in kept):
                     yield each
 
 

@@ -86,6 +86,10 @@ def test_cases_are_distinct_and_can_be_made():
     assert len({each.key for each in every}) == len(every) > 200
     chosen = list(cases.questions(["saw"], [0, 1], ["radial_runout", "nothing"]))
     assert {each.effects for each in chosen} == {("radial_runout",), ()} and len(chosen) == 8
+    strong = list(cases.questions(["saw"], [0], strengths=["strong"]))
+    assert {each.strength for each in strong if each.kind == "single"} == {"strong"}
+    assert {each.key for each in strong} < {each.key for each in every}
+    assert {each.kind for each in strong} == {each.kind for each in every if each.design == "saw"}
     for each in every:
         if each.seed == 0 and each.strength in ("medium", "strong"):
             session = generator.plan(each.design, 0, each.effects)
