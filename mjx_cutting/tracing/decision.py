@@ -142,7 +142,7 @@ def interval(
     moved = spread > _UNMOVED * np.abs(value)
     sure = np.where(moved, np.abs(value) / np.where(moved, error, 1.0), -1.0)
     tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
-    quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
+    quantile = _quantile(folds)
     half = quantile * error + np.ravel(model_error)
     most, wide = float(value[tooth]), float(half[tooth])
     if kind.parameters[name].identity is None and not half.any() and not on_grid:
@@ -157,6 +157,15 @@ def interval(
     ends = _ends(most, wide, kind.parameters[name], proven)
     several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
     return Interval(most, *ends, unit, *several)
+
+
+def half_width(by_fold: Array) -> Array:
+    """[...] half-width of the interval of what was fitted without each fold, `by_fold` [F, ...]."""
+    return _quantile(len(by_fold)) * _jackknife(by_fold)
+
+
+def _quantile(folds: int) -> float:
+    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
 
 
 def _jackknife(values: Array) -> Array:

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from mjx_cutting._report.quantities import interval, joined
-from mjx_cutting.tracing.decision import CONFIDENCE
+from mjx_cutting.tracing.decision import half_width
 from mjx_cutting.tracing.trace import Tracing
 
 _CONSTANTS = (
@@ -94,7 +93,7 @@ def estimates(tracing: Tracing) -> list[Estimate]:
     base, final = tracing.base_model.material, tracing.model.material
     for field, label, meaning, unit in _CONSTANTS:
         value, values = float(np.asarray(getattr(final, field))), np.asarray(getattr(by_fold.material, field))
-        half = _half_width(values)
+        half = float(half_width(values))
         found.append(
             Estimate(
                 label=label,
@@ -113,9 +112,3 @@ def estimates(tracing: Tracing) -> list[Estimate]:
 
 def _where(per_tooth: bool) -> str:
     return "of the tooth that differs most" if per_tooth else ""
-
-
-def _half_width(by_fold: NDArray[np.float64]) -> float:
-    folds = len(by_fold)
-    spread = np.sqrt((folds - 1) / folds * np.sum((by_fold - np.mean(by_fold)) ** 2))
-    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)) * spread)

@@ -8,14 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.course import Course
-from mjx_cutting.tracing.decision import TOLERANCE, Decision, Interval, chance_over_trials, decide, interval
+from mjx_cutting.tracing.decision import (
+    TOLERANCE,
+    Decision,
+    Interval,
+    chance_over_trials,
+    decide,
+    half_width,
+    interval,
+)
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.shapes import (
     Sums,
@@ -30,6 +37,7 @@ from mjx_cutting.tracing.slow_kinds import KINDS, Kind, as_values
 MOST_SLOW = 3
 _HATS = 24
 _SHARE_OF_FREE = 0.85
+_MOST_UNSURE = 2.0
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
 Array = NDArray[np.floating]
 
@@ -148,11 +156,14 @@ def _try(
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
     parameters = _intervals(kind, effect, by_fold, error_of_it / accounted)
-    judged = partial(decide, kind.effect, before, after, p, tolerance=reach * tolerance, in_range=in_range)
-    decision = judged(parameters)
-    if decision.accepted and len(trials[0].chip_by_fold):
-        by_fold = _of_unsure_force(kind, trials, shapes[best], c, weight, by_fold)
-        decision = judged(_intervals(kind, effect, by_fold, error_of_it / accounted))
+    decision = decide(
+        kind.effect, before, after, p, parameters, tolerance=reach * tolerance, in_range=in_range
+    )
+    if decision.accepted:
+        # that it is there does not hang on how large the force is; how large a share of it, does
+        more = _unsure_force(kind, trials, shapes[best], c, weight)
+        parameters = _intervals(kind, effect, by_fold, error_of_it / accounted + more)
+        decision = replace(decision, parameters=parameters)
     explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)
@@ -217,27 +228,20 @@ def _intervals(
     return found
 
 
-def _of_unsure_force(
-    kind: Kind,
-    trials: Sequence[Course],
-    shape: Array,
-    c: Array,
-    weight: Array,
-    by_fold: list[dict[str, Array]],
-) -> list[dict[str, Array]]:
-    """The parameters of the folds, each strength beside the steady model that was fitted without that fold:
-    where this calculates less force, the same change is a larger share of it."""
+def _unsure_force(kind: Kind, trials: Sequence[Course], shape: Array, c: Array, weight: Array) -> float:
+    """Half-width of the interval of the force that an effect is a share of, over that force: how far the
+    steady models that were fitted without a fold differ."""
     found = []
-    for fold, values in enumerate(by_fold):
+    for fold in range(len(trials[0].chip_by_fold)):
         common = energy = 0.0
         for course in trials:
             whole = (kind.columns(course, shape) @ c) * weight
             other = (kind.columns(course.without(fold), shape) @ c) * weight
             common += float(np.sum(whole * other))
             energy += float(np.sum(other**2))
-        strength = kind.effect.strength
-        found.append(values | {strength: values[strength] * (common / max(energy, 1e-300))})
-    return found
+        found.append(common / max(energy, 1e-300))
+    half = half_width(np.asarray(found)[:, None]) if found else np.zeros(1)
+    return min(float(half[0]), _MOST_UNSURE)
 
 
 def _free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -> float:
