@@ -31,6 +31,7 @@ _FIRST, _LAST = 0.3, 0.45
 _EDGE = 0.05
 _MISSING = 0.02
 _ERRORS = 4.0
+_LIKE_GEOMETRY = (0.4, 3.0)
 Array = NDArray[np.floating]
 
 
@@ -47,7 +48,9 @@ def entry_exit(lines: Lines, problem: Problem, model: ForceModel) -> Kind:
         ends = np.linspace(high - _LAST * (high - low), high, _STARTS)
         return np.array([*((start, np.inf) for start in starts), *((-np.inf, end) for end in ends)])
 
-    return Kind(NAME, _missing_at_the_ends, grid, columns, effect_at, refine=_refined)
+    return Kind(
+        NAME, _missing_at_the_ends, grid, columns, effect_at, rather=_unlike_geometry, refine=_refined
+    )
 
 
 def effect_at(shape: Array, c: Array) -> AbstractEffect:
@@ -55,6 +58,21 @@ def effect_at(shape: Array, c: Array) -> AbstractEffect:
     start = float(shape[0]) if np.isfinite(shape[0]) else NO_START_M
     length = float(shape[1]) - start if np.isfinite(shape[1]) else NO_END_M
     return effect_class(NAME)(share=float(c[0]), start_m=start, length_m=length)
+
+
+def like_geometry(effect: AbstractEffect) -> bool:
+    """Whether about as much force is missing as where a tool enters or leaves a sheet."""
+    low, high = _LIKE_GEOMETRY
+    return low < float(effect.values()["share"]) < high
+
+
+def _unlike_geometry(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    if like_geometry(effect):
+        return ""
+    return (
+        f"of the force that is missing while a tool enters or leaves a sheet {effect.values()['share']:.0%} "
+        "is, so it is something else at the ends of the path"
+    )
 
 
 def _refined(grid: Array, here: Array, zoom: float) -> Array:

@@ -11,7 +11,8 @@ nothing.
 Named when, in at least three trials, at least two lines of one pattern stand far above the noise, the
 strongest near one frequency in all of them, not the same to the resolution of the records although the
 speeds differ (a line of the mains stays put), further from tooth passing than a slow change of the force
-puts its sidebands, and none of it in air; and when the error on the stretches not fitted falls by a tenth.
+puts its sidebands, of three hundredths of the force or more (what ends its growth is that teeth leave the
+chip), and none of it in air; and when the error on the stretches not fitted falls by a tenth.
 A flip lobe of a tool with an even number of teeth is hidden in the spindle's own orders and is not found
 here.
 """
@@ -44,6 +45,7 @@ _FEWEST = 3
 _SPREAD = 0.15
 _MOST_ALIKE = 0.6
 _LEAST_FALL = 0.1
+_LEAST_SHARE = 0.03
 _MOST_LINES = 16
 _SHIFTS = 13
 Array = NDArray[np.floating]
@@ -181,7 +183,9 @@ def find_vibration(
     teeth = dataset.tool.teeth
     each = [vibration(trial, trial.residual_n, lines, teeth, weight) for trial in after]
     shown = [
-        i for i, (v, trial) in enumerate(zip(each, after, strict=True)) if v.found and _own(v, trial, teeth)
+        i
+        for i, (v, trial) in enumerate(zip(each, after, strict=True))
+        if v.found and _large(v, trial) and _own(v, trial, teeth)
     ]
     if len(shown) < _FEWEST:
         return None
@@ -213,6 +217,12 @@ def _false_alarm(lines: Lines, after: Sequence[Prediction]) -> float:
     """Probability that noise alone, of three axes, puts any line of a record that far above its median."""
     independent = max(float(trial.time_s[-1]) for trial in after) * (lines.band_hz[1] - lines.band_hz[0])
     return min(1.0, independent * float(stats.gamma.sf(_FAR_ABOVE * stats.gamma.median(3.0), 3.0)))
+
+
+def _large(found: Vibration, trial: Prediction) -> bool:
+    """Whether the vibration is of the size that ends it: that at which teeth leave the chip."""
+    force = np.sum((trial.measured_n - trial.bias_n) ** 2)
+    return bool(np.sum(found.wave_n**2) > _LEAST_SHARE**2 * force)
 
 
 def _own(v: Vibration, trial: Prediction, teeth: int) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.course import Course, along_path, felt_at
 from mjx_cutting.tracing.decision import chance_over_trials, decide, interval
-from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at
+from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.line_gain import filter_delay_s
 from mjx_cutting.tracing.lines import Lines, band_limit
@@ -29,7 +29,6 @@ from mjx_cutting.tracing.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
-_LIKE_GEOMETRY = (0.4, 3.0)
 _LEAST_TURNS = 20
 _FEWEST = 4
 _FEWEST_IN_AIR = 10
@@ -83,9 +82,8 @@ def _ends_of_sheet(rounds: Sequence[SlowRound]) -> SlowCandidate | None:
     for each in rounds:
         best = each.candidates[0]
         if best.kind.name == NAME:
-            low, high = _LIKE_GEOMETRY
             clear = best.decision.gain > 2.0 * best.decision.gain_standard_error
-            return best if clear and low < float(best.effect.values()["share"]) < high else None
+            return best if clear and like_geometry(best.effect) else None
     return None
 
 

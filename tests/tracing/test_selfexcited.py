@@ -58,6 +58,12 @@ def test_a_limit_cycle_is_named_with_its_frequency_and_threshold():
     assert not accepted.added_n[0].any() and accepted.added_n[3].any()
 
 
+def test_a_vibration_far_smaller_than_the_chip_is_given_no_name():
+    """What grows until teeth leave the chip is as large as that; lines of a hundredth of the force that stand
+    far above the noise come from elsewhere, as from a simulator that puts contact on a grid of time."""
+    assert find_vibration(*_session(lambda *trial: 0.4 * _chatter(*trial))) is None
+
+
 def test_noise_and_a_few_trials_are_given_no_name():
     assert find_vibration(*_session(lambda time, speed, trial: 0.0 * time)) is None
     two = lambda time, speed, trial: _chatter(time, speed, trial) * (trial > 3)  # noqa: E731

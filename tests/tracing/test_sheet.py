@@ -12,7 +12,7 @@ from benchmarks.study import make
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.tracing.course import Course, along_path
-from mjx_cutting.tracing.ends import Ramps
+from mjx_cutting.tracing.ends import Ramps, entry_exit
 from mjx_cutting.tracing.fit import fit_base
 from mjx_cutting.tracing.lines import compress, trusted_band
 from mjx_cutting.tracing.problem import pose
@@ -74,6 +74,19 @@ def test_the_edge_of_the_sheet_is_named_with_its_place(design):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("share", "named"), [(1.0, True), (0.5, True), (0.08, False)])
+def test_a_small_part_of_the_force_missing_at_the_ends_is_not_the_sheet(mill, share, named):
+    """What a drive does as it begins to move comes to some hundredths of the force."""
+    with jax.enable_x64(True):
+        dataset = mill()
+        lines = compress(dataset, trusted_band(dataset, None))
+        problem, base = fit_base(pose(dataset, lines))
+        kind = entry_exit(lines, problem, base.model)
+    why = kind.rather([], kind.build(np.array([1e-3, np.inf]), np.array([share])))
+    assert (why == "") == named
+    assert named or "8%" in why
+
+
 def test_a_layer_does_not_spoil_the_constants_it_is_measured_by():
     """A layer that takes three quarters of the force over a fifth of the path comes out with its size."""
     case = make("mill", {"layered_material": "strong"}, 53)
