@@ -217,6 +217,17 @@ def test_gain_of_two_trials_has_no_standard_error():
     assert gain > 0 and np.isnan(error)
 
 
+def test_what_every_one_of_many_trials_gains_is_no_chance_however_unlike_the_gains_are():
+    """Wear beside runout shows where the feed is low: nine tenths of the error there, hundredths elsewhere."""
+    share = np.array([0.94, 0.02, 0.10, 0.13, 0.02, 0.23, 0.01, 0.14, 0.03, 0.81, 0.04, 0.88])
+    left = np.full(len(share), 0.01)
+    after = left * (1.0 - share) / (1.0 + share)
+    assert chance_over_trials(_heldout(left.tolist()), _heldout(after.tolist()), 6) < CHANCE
+    share[1::3] *= -1.0
+    after = left * (1.0 - share) / (1.0 + share)
+    assert chance_over_trials(_heldout(left.tolist()), _heldout(after.tolist()), 6) > CHANCE
+
+
 def test_what_shows_in_every_trial_is_no_chance_though_one_trial_holds_most_of_the_force():
     force = np.array([0.001, 0.003, 0.01, 0.02, 0.05, 0.2, 0.716])
     before = _heldout((0.2 * force).tolist())
