@@ -218,7 +218,7 @@ def test_gain_of_two_trials_has_no_standard_error():
 
 
 def test_what_every_one_of_many_trials_gains_is_no_chance_however_unlike_the_gains_are():
-    """Wear beside runout shows where the feed is low: nine tenths of the error there, hundredths elsewhere."""
+    """Wear beside runout shows where the feed is low: nine tenths of the error there, less elsewhere."""
     share = np.array([0.94, 0.02, 0.10, 0.13, 0.02, 0.23, 0.01, 0.14, 0.03, 0.81, 0.04, 0.88])
     left = np.full(len(share), 0.01)
     after = left * (1.0 - share) / (1.0 + share)
