@@ -225,19 +225,28 @@ def test_a_model_with_an_effect_plugs_in():
 
 
 def test_engines_agree_over_a_cut():
+    """To rounding; where that makes a tooth or a joint meet its stop one step earlier, the kick is another by
+    less than a millimetre at the saw, and dies away."""
     config = EnvConfig(**SHORT, randomize=True)
     fused, mjx = CuttingEnv(config), CuttingEnv(dataclasses.replace(config, engine="mjx"))
-    states = []
+    states, joints = [], []
     for env in (fused, mjx):
         step = _platform.jit(jax.vmap(env.step))
         state = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(4), 4))
+        joints.append([])
         for key in jax.random.split(jax.random.key(5), 60):
             state = step(state, actions(key, 4))
+            joints[-1].append(np.asarray(state.pipeline_state.q))
         states.append(state)
     a, b = states
-    np.testing.assert_allclose(a.pipeline_state.q, b.pipeline_state.q, atol=5e-5)
-    np.testing.assert_allclose(a.obs, b.obs, atol=5e-2)
-    np.testing.assert_allclose(a.info["episode_sums"]["reward"], b.info["episode_sums"]["reward"], rtol=2e-3)
+    apart = np.abs(np.subtract(*joints)).max(axis=-1)  # [steps, cuts]
+    assert np.quantile(apart, 0.8) < 5e-6
+    assert apart.max() < 1e-3
+    same = apart.max(axis=0) < 5e-6
+    assert same.sum() >= 2
+    np.testing.assert_allclose(a.obs[same], b.obs[same], atol=5e-3)
+    np.testing.assert_allclose(a.obs, b.obs, atol=0.2)
+    np.testing.assert_allclose(a.info["episode_sums"]["reward"], b.info["episode_sums"]["reward"], rtol=1e-2)
 
 
 @pytest.mark.parametrize(
