@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, order_lines
 from mjx_cutting.tracing.course import Course
 from mjx_cutting.tracing.lines import Lines, band_limit, turns
-from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.problem import Problem, response, with_straight_teeth
 from mjx_cutting.tracing.slow_kinds import Kind
 
 NAME = "entry_exit"
@@ -176,17 +176,16 @@ def _lines(problem: Problem, model: ForceModel, missing: jax.Array, reach_m: jax
 
     A tooth at angle th is in the sheet where sin th is at least what is missing of the way, over the radius.
     """
-    tool = problem.tool
-    radius = 0.5 * jnp.asarray(tool.diameter_m)
+    straight = with_straight_teeth(problem, model)
+    radius = 0.5 * jnp.asarray(problem.tool.diameter_m)
 
     def one(cut: Cut, gain: jax.Array, reach: jax.Array, missing: jax.Array) -> jax.Array:
         inside = jnp.arcsin(jnp.clip(missing * reach / radius, 0.0, 1.0))
         entry = jnp.maximum(jnp.asarray(cut.entry_rad), inside)
         exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - inside), entry)
         part = cut.replace(entry_rad=entry, exit_rad=exit_)
-        straight = ForceModel(tool, model.material, model.effects)
         lines = order_lines(straight, part, problem.orders, problem.angles, problem.arc_rad)
         return lines * gain[..., None]
 
     many = jax.vmap(one, in_axes=(None, None, None, 0))
-    return jax.vmap(many, in_axes=(0, 0, 0, None))(problem.cut, problem.gain, reach_m, missing)
+    return jax.vmap(many, in_axes=(0, 0, 0, None))(problem.cut, response(problem, model), reach_m, missing)

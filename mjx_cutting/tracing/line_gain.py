@@ -1,23 +1,29 @@
-"""What a known anti-alias filter and a straight-toothed model's missing helix do to each line of a record."""
+"""What a known anti-alias filter and a helix do to each line of straight teeth."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
-from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor
+from mjx_cutting.trials.dataset import AntiAlias, Sensor
 
 
-def line_gain(
-    dataset: Dataset, speed_rev_s: np.ndarray[Any, Any], width_m: np.ndarray[Any, Any], orders: int
-) -> np.ndarray[Any, Any]:
-    """[R, orders + 1] complex response at each order of the known anti-alias filter and of the helix.
+def line_gain(sensor: Sensor, speed_rev_s: np.ndarray[Any, Any], orders: int) -> np.ndarray[Any, Any]:
+    """[R, orders + 1] complex response of the known anti-alias filter at each order.
 
-    Arguments: dataset; `speed_rev_s` [R] spindle speeds; `width_m` [R] widths of cut; highest order.
+    Arguments: sensor; `speed_rev_s` [R] spindle speeds; highest order.
     """
-    frequency = np.multiply.outer(speed_rev_s, np.arange(orders + 1))
-    return _filter_gain(dataset, frequency) * _helix_gain(dataset, width_m, orders)
+    return _filter_gain(sensor.anti_alias, np.multiply.outer(speed_rev_s, np.arange(orders + 1)))
+
+
+def helix_gain(width_m: ArrayLike, diameter_m: ArrayLike, helix_rad: ArrayLike, orders: int) -> Array:
+    """[R, orders + 1] mean of exp(-i n lag) over widths of cut [R], N per N of straight teeth."""
+    half = jnp.outer(jnp.asarray(width_m) * jnp.tan(helix_rad) / diameter_m, jnp.arange(orders + 1))
+    return jnp.sinc(half / jnp.pi) * jnp.exp(-1j * half)
 
 
 def filter_delay_s(sensor: Sensor) -> float:
@@ -33,17 +39,9 @@ def _poles(alias: AntiAlias) -> np.ndarray[Any, Any]:
     return np.exp(1j * np.pi * (2 * np.arange(1, alias.order + 1) + alias.order - 1) / (2 * alias.order))
 
 
-def _filter_gain(dataset: Dataset, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    alias = dataset.sensor.anti_alias
+def _filter_gain(alias: AntiAlias | None, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     if alias is None:
         return np.ones_like(frequency, dtype=complex)
     poles = _poles(alias)
     gain = np.prod(-poles / (1j * frequency[..., None] / alias.hz - poles), axis=-1)
     return np.abs(gain) ** 2 + 0j if alias.zero_phase else gain
-
-
-def _helix_gain(dataset: Dataset, width: np.ndarray[Any, Any], orders: int) -> np.ndarray[Any, Any]:
-    """[R, orders + 1] mean of exp(-i n lag) over the width of cut."""
-    lag = 2.0 * width * np.tan(dataset.tool.helix_rad) / dataset.tool.diameter_m
-    half = 0.5 * np.multiply.outer(lag, np.arange(orders + 1))
-    return np.sinc(half / np.pi) * np.exp(-1j * half)

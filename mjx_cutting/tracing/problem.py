@@ -22,9 +22,10 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
 from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
+from mjx_cutting.cutting.effects.helix_lag import HelixLag
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import LEVEL_KINDS
-from mjx_cutting.tracing.line_gain import line_gain
+from mjx_cutting.tracing.line_gain import helix_gain, line_gain
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.trials.dataset import Dataset, Trial
 
@@ -47,11 +48,11 @@ class Problem(eqx.Module):
     """Everything a fit reads, as arrays over R trials.
 
     Fields:
-        tool: the cutter, with straight teeth (see `model_lines`).
+        tool: the cutter; its teeth are computed as straight ones (see `model_lines`).
         cut: conditions, every field [R].
         path_m: [R] length of the path that the record covers, about `cut.position_m`.
         whitened, factor, present: see `Lines`.
-        gain: [R, orders + 1] complex response at each order of the known anti-alias filter and of the helix.
+        gain: [R, orders + 1] complex response at each order of the known anti-alias filter.
         weight: [3] 1 / standard deviation given to each axis, 1/N.
         bias_spread_n: [3] prior standard deviation of a trial's bias, N; 0 where all trials share one bias.
         scale: [6] units of the mechanistic constants, so that the unknowns are of order one.
@@ -107,7 +108,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     """The fitting problem of a dataset's cut trials (call it in float64)."""
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     shape = dataset.tool
-    tool = Tool(shape.kind, shape.teeth, shape.diameter_m, helix_rad=0.0)
+    tool = Tool(shape.kind, shape.teeth, shape.diameter_m, shape.helix_rad, slices=1)
     places = [along_path(trial) for trial in trials]
     cuts = [
         Cut.milling(
@@ -142,9 +143,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         whitened=jnp.asarray(lines.whitened),
         factor=jnp.asarray(lines.factor),
         present=jnp.asarray(lines.present),
-        gain=jnp.asarray(
-            line_gain(dataset, lines.speed_rev_s, np.array([t.axial_width_m for t in trials]), lines.orders)
-        ),
+        gain=jnp.asarray(line_gain(dataset.sensor, lines.speed_rev_s, lines.orders)),
         weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * _rms_by_axis(dataset, lines, rms)) ** 2)),
         bias_spread_n=jnp.full(3, 0.0 if known else _BIAS_SPREAD * rms),
         scale=jnp.asarray(
@@ -249,12 +248,12 @@ def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, 
 def model_lines(problem: Problem, model: ForceModel) -> Array:
     """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N.
 
-    The tool is the problem's: straight teeth, since a helix only delays slices of the edge, which in the
-    order domain is the exact factor (1 - exp(-i n lag)) / (i n lag) in `gain`.
+    The teeth are straight ones, since a helix only delays slices of the edge, which in the order domain is
+    the exact factor (1 - exp(-i n lag)) / (i n lag) in `response`, whatever corrects its angle.
     """
+    straight = with_straight_teeth(problem, model)
     if problem.tool.kind == "drill":
-        return jax.vmap(partial(_thrust_and_torque, model))(problem.cut)[:, None] + 0j
-    straight = ForceModel(problem.tool, model.material, model.effects)
+        return jax.vmap(partial(_thrust_and_torque, straight))(problem.cut)[:, None] + 0j
     orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
 
     def along(cut: Cut, path_m: Array, motion: Array | None) -> Array:
@@ -270,7 +269,25 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
         node, weight = np.polynomial.legendre.leggauss(_PLACES)
         return jnp.tensordot(0.5 * weight, jax.vmap(at)(cut.position_m + 0.5 * path_m * node), axes=1)
 
-    return jax.vmap(along)(problem.cut, problem.path_m, problem.motion) * problem.gain[..., None]
+    lines = jax.vmap(along)(problem.cut, problem.path_m, problem.motion)
+    return lines * response(problem, model)[..., None]
+
+
+def with_straight_teeth(problem: Problem, model: ForceModel) -> ForceModel:
+    """The model without a helix."""
+    tool = Tool(problem.tool.kind, problem.tool.teeth, problem.tool.diameter_m)
+    rest = tuple(each for each in model.effects if not isinstance(each, HelixLag))
+    return ForceModel(tool, model.material, rest)
+
+
+def response(problem: Problem, model: ForceModel) -> Array:
+    """[R, orders + 1] what the known filter and the helix, with what corrects it, make of the lines of
+    straight teeth."""
+    helix_rad = jnp.asarray(problem.tool.helix_rad)
+    for effect in model.effects:
+        helix_rad = helix_rad + effect.helix_rad if isinstance(effect, HelixLag) else helix_rad
+    width = jnp.asarray(problem.cut.axial_width_m)
+    return problem.gain * helix_gain(width, problem.tool.diameter_m, helix_rad, problem.orders)
 
 
 def by_position(model: ForceModel) -> bool:

@@ -79,11 +79,10 @@ def separations(
         return jnp.repeat(leaf[like : like + 1], len(menu), axis=0)
 
     speeds = np.asarray(cuts.spindle_speed_rev_s)
-    widths = np.asarray(cuts.axial_width_m)
     further = eqx.tree_at(
         lambda p: (p.cut, p.gain, p.path_m, p.factor, p.present, p.whitened),
         problem,
-        (cuts, jnp.asarray(line_gain(dataset, speeds, widths, problem.orders)), *map(repeated, record)),
+        (cuts, jnp.asarray(line_gain(dataset.sensor, speeds, problem.orders)), *map(repeated, record)),
     )
     sigma = np.asarray(_apart(further, first, second, *map(jnp.asarray, shared_bias_n)))
     found = [

@@ -48,7 +48,7 @@ def trial(feed_m_s: float, depth_m: float, seed: int, restless_m: float = 0.0) -
     force = np.array(order_lines(model, cut, orders=24, angles=960, arc_rad=0.5))
     rate = 2.0 * np.pi * SPEED_REV_S * np.arange(1, 21)
     force[1:21] += MASS_KG * rate[:, None] ** 2 * lines
-    force *= line_gain(dataset(), np.array([SPEED_REV_S]), np.array([1.6e-3]), 24)[0][:, None]
+    force *= line_gain(dataset().sensor, np.array([SPEED_REV_S]), 24)[0][:, None]
     turns = np.exp(1j * np.multiply.outer(angle, np.arange(25)))
     record = np.real(turns @ (force * np.where(np.arange(25) > 0, 2.0, 1.0)[:, None]))
     place = 2.0 * np.real(np.exp(1j * np.multiply.outer(angle, np.arange(1, 21))) @ lines)

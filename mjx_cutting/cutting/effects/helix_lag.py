@@ -48,4 +48,5 @@ class HelixLag(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5], [-0.5]])
+        # lines of unknown phase do not tell the hand of a helix: of teeth said to be straight, the right
+        return np.asarray([[0.5], [-0.5]] if float(np.asarray(tool.helix_rad)) else [[0.5]])
