@@ -29,6 +29,7 @@ _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
 _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
+_HUGE = 1e9
 _GLANCE = (1e-2, 1e-1, 1.0)
 Matrix = NDArray[np.floating]
 
@@ -73,8 +74,9 @@ class Descent:
         weighted, error, phase, outside = (
             np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True)
         )
-        left = np.concatenate([weighted.reshape(len(x), -1), STIFFNESS * outside], axis=1)
-        return Rows(np.clip(np.nan_to_num(left, nan=1e9), -1e9, 1e9), error, phase)
+        penalties = STIFFNESS * np.clip(outside, -_HUGE, _HUGE)
+        left = np.concatenate([weighted.reshape(len(x), -1), penalties], axis=1)
+        return Rows(np.clip(np.nan_to_num(left, nan=_HUGE), -_HUGE, _HUGE), error, phase)
 
     def models(self, x: Matrix) -> ForceModel:
         """The force models at `x` [n, U], every value with a leading axis [n]."""

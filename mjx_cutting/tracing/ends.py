@@ -70,8 +70,9 @@ def _unlike_geometry(courses: Sequence[Course], effect: AbstractEffect) -> str:
     if like_geometry(effect):
         return ""
     return (
-        f"of the force that is missing while a tool enters or leaves a sheet {effect.values()['share']:.0%} "
-        "is, so it is something else at the ends of the path"
+        f"{effect.values()['share']:.0%} of the force that a sheet's end takes away is missing, expected "
+        f"{_LIKE_GEOMETRY[0]:.0%} or more and {_LIKE_GEOMETRY[1]:.0%} at most: it is something else at the "
+        "ends of the path; begin and end the records where the tool cuts steadily"
     )
 
 

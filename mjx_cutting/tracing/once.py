@@ -1,10 +1,10 @@
 """One pass over a data set: the search over steady effects, then the one over effects along a trial.
 
-A steady model fitted to records that hold an effect along the trial has taken part of it for its own: a layer
-lowers the constants. So what was found is taken out of the records, the steady search made again on the
-rest, and that along the trial beside its outcome; only then are its parameters held against their physical
-ranges. Where much is left, trials are cut in pieces along the path for effects whose response changes along
-it (`pieces`).
+A steady model fitted to records that hold an effect along the trial has taken part of it for its own (a layer
+lowers the constants), or does not see a steady effect beneath it. So what was found is taken out of the
+records, the steady search made again on the rest, and that along the trial beside its outcome; only then are
+its parameters held against their physical ranges. Where much is left, trials are cut in pieces along the path
+for effects whose response changes along it (`pieces`).
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ class _Searches:
         if dataset.tool.kind not in LEVEL_KINDS:
             ways = (*KINDS, entry_exit(found.lines, problem, model))
         fits = found.search.final.fits
-        folds = None if fits is None else fits.model
-        trials = courses(dataset, found.lines, problem, model, found.after, folds)
+        assert fits is not None
+        trials = courses(dataset, found.lines, problem, model, found.after, fits.model)
         trials = tuple(replace(each, apart=apart) for each in trials)
         weight, tolerance = np.asarray(problem.weight), problem.tolerance
         rounds = search_slow(trials, before, weight, self.names, ways, self.progress, tolerance, in_range)
@@ -161,7 +161,7 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Search
     where then nothing is left of what was found along the trials."""
     taken, share = _whole(first), _swallowed(first)
     hidden = share < _SWALLOWED
-    if taken is None or (hidden and _near_floor(first) and not _unsure(first)):
+    if taken is None or (hidden and _complete(first)):
         return first
     for _ in range(1 if hidden else _TIMES):
         searches.progress("once more, without what was found along the trials")
@@ -184,16 +184,17 @@ def _refitted(
 ) -> Pass:
     """The steady pass over `rest`: all `kinds` again, unless little was swallowed and nothing else is left,
     was found or was in doubt."""
-    if share >= _MUCH or first.search.effects or _unsure(first) or not _near_floor(first):
+    if share >= _MUCH or first.search.effects or not _complete(first):
         return searches.steady(rest, kinds)
     alone = searches.steady(rest, ())
     return replace(alone, search=replace(alone.search, rounds=first.search.rounds))
 
 
-def _unsure(found: Pass) -> bool:
-    """Whether a steady effect was refused only for a gain that differs much from trial to trial."""
+def _complete(found: Pass) -> bool:
+    """Whether nothing is left, and no steady effect was refused only for a gain that scatters over trials."""
     rounds = found.search.rounds
-    return bool(rounds) and any(each.decision.scattered for each in rounds[-1].candidates)
+    in_doubt = bool(rounds) and any(each.decision.scattered for each in rounds[-1].candidates)
+    return not in_doubt and _near_floor(found)
 
 
 def _near_floor(found: Pass) -> bool:

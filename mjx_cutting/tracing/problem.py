@@ -283,9 +283,8 @@ def with_straight_teeth(problem: Problem, model: ForceModel) -> ForceModel:
 def response(problem: Problem, model: ForceModel) -> Array:
     """[R, orders + 1] what the known filter and the helix, with what corrects it, make of the lines of
     straight teeth."""
-    helix_rad = jnp.asarray(problem.tool.helix_rad)
-    for effect in model.effects:
-        helix_rad = helix_rad + effect.helix_rad if isinstance(effect, HelixLag) else helix_rad
+    corrections = (jnp.asarray(each.helix_rad) for each in model.effects if isinstance(each, HelixLag))
+    helix_rad = sum(corrections, start=jnp.asarray(problem.tool.helix_rad))
     width = jnp.asarray(problem.cut.axial_width_m)
     return problem.gain * helix_gain(width, problem.tool.diameter_m, helix_rad, problem.orders)
 

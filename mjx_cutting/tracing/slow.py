@@ -232,10 +232,10 @@ def _unsure_force(kind: Kind, trials: Sequence[Course], shape: Array, c: Array, 
     """Half-width of the interval of the force that an effect is a share of, over that force: how far the
     steady models that were fitted without a fold differ."""
     found = []
+    of_all = [(kind.columns(course, shape) @ c) * weight for course in trials]
     for fold in range(len(trials[0].chip_by_fold)):
         common = energy = 0.0
-        for course in trials:
-            whole = (kind.columns(course, shape) @ c) * weight
+        for course, whole in zip(trials, of_all, strict=True):
             other = (kind.columns(course.without(fold), shape) @ c) * weight
             common += float(np.sum(whole * other))
             energy += float(np.sum(other**2))

@@ -224,9 +224,8 @@ def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> 
     for course in courses:
         if len(course.angle_rad) < 2:
             return ""
-        seconds = float(np.ptp(course.time_s))
-        order = line_hz * 2.0 * np.pi * seconds / float(np.ptp(course.angle_rad))
-        turns = seconds * line_hz / order
+        turns = float(np.ptp(course.angle_rad)) / (2.0 * np.pi)
+        order = line_hz * float(np.ptp(course.time_s)) / turns
         apart.append(abs(order - np.round(order)) * turns > _RESOLVED)
     if 2 * sum(apart) > len(apart):
         return ""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from mjx_cutting.tracing.lines import Lines, compress, trusted_band
+from mjx_cutting.tracing.problem import Problem, pose
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
@@ -35,6 +37,17 @@ def mill():
     def make(hidden: Hidden | None = None, seed: int = 3, **rest) -> Dataset:
         sensor = Sensor(5000.0, (0.5, 0.5, 1.0), anti_alias=AntiAlias(order=4, hz=1000.0), **rest)
         return make_trials(MILL, MILL_SHEET, MILL_CUTS, sensor, hidden=hidden, duration_s=0.8, seed=seed)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def posed():
+    """Call it with a data set, in float64: its lines and the fitting problem."""
+
+    def make(dataset: Dataset) -> tuple[Lines, Problem]:
+        lines = compress(dataset, trusted_band(dataset, None))
+        return lines, pose(dataset, lines)
 
     return make
 

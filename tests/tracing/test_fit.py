@@ -18,11 +18,10 @@ from mjx_cutting.trials.synthetic import Hidden
 
 
 @pytest.fixture(scope="module")
-def clean(mill):
+def clean(mill, posed):
     with jax.enable_x64(True):
         dataset = mill()
-        lines = compress(dataset, trusted_band(dataset, None))
-        problem = pose(dataset, lines)
+        lines, problem = posed(dataset)
         problem = reweighted(problem, fit(problem, (), base_starts(problem)))
         yield dataset, lines, problem, fit(problem, (), base_starts(problem))
 

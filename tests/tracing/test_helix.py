@@ -10,27 +10,32 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.cutting import ForceModel, Material, Tool, effect_class
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import model_lines, pose
+from mjx_cutting.tracing.problem import model_lines
 from mjx_cutting.tracing.trace import trace
 
 HELIX = effect_class("helix_lag")
 
 
-def _lines(dataset, stated_rad: float, *effects):
-    dataset = replace(dataset, tool=replace(dataset.tool, helix_rad=stated_rad))
-    with jax.enable_x64(True):
-        problem = pose(dataset, compress(dataset, trusted_band(dataset, None)))
-        material = Material(8e8, 2e4, 2.4e8, 1.6e4, 1.2e8, 4e3)
-        return np.asarray(model_lines(problem, ForceModel(problem.tool, material, effects)))
+@pytest.fixture
+def lines(mill, posed):
+    """Call it with the angle that the data set states, and effects."""
+
+    def of(stated_rad: float, *effects):
+        dataset = mill()
+        dataset = replace(dataset, tool=replace(dataset.tool, helix_rad=stated_rad))
+        with jax.enable_x64(True):
+            problem = posed(dataset)[1]
+            material = Material(8e8, 2e4, 2.4e8, 1.6e4, 1.2e8, 4e3)
+            return np.asarray(model_lines(problem, ForceModel(problem.tool, material, effects)))
+
+    return of
 
 
 @pytest.mark.parametrize("more_rad", [0.2, -0.2, -0.5])
-def test_a_correction_is_added_to_the_stated_angle(mill, more_rad):
-    dataset = mill()
-    true = _lines(dataset, 0.5 + more_rad)
-    np.testing.assert_allclose(_lines(dataset, 0.5, HELIX(more_rad)), true, atol=1e-9 * np.abs(true).max())
-    assert np.abs(_lines(dataset, 0.5) - true).max() > 1e-3 * np.abs(true).max()
+def test_a_correction_is_added_to_the_stated_angle(lines, more_rad):
+    true = lines(0.5 + more_rad)
+    np.testing.assert_allclose(lines(0.5, HELIX(more_rad)), true, atol=1e-9 * np.abs(true).max())
+    assert np.abs(lines(0.5) - true).max() > 1e-3 * np.abs(true).max()
 
 
 def test_of_teeth_said_to_be_straight_a_right_hand_helix_is_supposed():

@@ -14,8 +14,6 @@ from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import effect_starts, fit_base
 from mjx_cutting.tracing.heldout import folds
 from mjx_cutting.tracing.line_by_line import rather_by_line
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import pose
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
@@ -50,13 +48,13 @@ def _uneven(trial):
     ],
     ids=["lines of one speed", "resonance at one speed", "resonance at two", "left to other tests"],
 )
-def test_gains_of_lines_at_one_speed_are_not_called_a_resonance(speeds, resonance_hz, uneven, refused):
+def test_gains_of_lines_at_one_speed_are_not_called_a_resonance(posed, speeds, resonance_hz, uneven, refused):
     dataset = _slots(speeds, resonance_hz)
     if uneven:
         dataset = replace(dataset, trials=tuple(_uneven(trial) for trial in dataset.trials))
     with _platform.x64():
-        lines = compress(dataset, trusted_band(dataset, None))
-        problem, base = fit_base(pose(dataset, lines))
+        lines, problem = posed(dataset)
+        problem, base = fit_base(problem)
         starts = effect_starts(problem, RESONANCE, base.x)
         best = np.argmin(np.sum(Descent(problem, (RESONANCE,)).rows(np.asarray(starts)).left ** 2, axis=1))
         found, _ = fitted(problem, lines, (RESONANCE,), np.asarray(starts[best]), folds(dataset, 0))

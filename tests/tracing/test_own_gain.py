@@ -12,9 +12,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.candidate import fitted
 from mjx_cutting.tracing.fit import effect_starts, fit_base
 from mjx_cutting.tracing.heldout import folds
-from mjx_cutting.tracing.lines import compress, trusted_band
 from mjx_cutting.tracing.own_gain import rather_a_factor
-from mjx_cutting.tracing.problem import pose
 from mjx_cutting.trials.synthetic import Hidden
 
 
@@ -26,14 +24,16 @@ from mjx_cutting.trials.synthetic import Hidden
         ("radial_runout", Hidden(runout_m=1.2e-5), [1.0] * 6, False),
     ],
 )
-def test_what_is_a_factor_of_each_trial_is_told_from_a_change_of_shape(mill, name, hidden, factors, refused):
+def test_what_is_a_factor_of_each_trial_is_told_from_a_change_of_shape(
+    mill, posed, name, hidden, factors, refused
+):
     made = mill(hidden, seed=2)
     scaled = [replace(t, force_n=f * t.force_n) for t, f in zip(made.trials, factors, strict=True)]
     dataset = replace(made, trials=tuple(scaled))
     kind = effect_class(name)
     with _platform.x64():
-        lines = compress(dataset, trusted_band(dataset, None))
-        problem, base = fit_base(pose(dataset, lines))
+        lines, problem = posed(dataset)
+        problem, base = fit_base(problem)
         start = effect_starts(problem, kind, base.x)[0]
         found, _ = fitted(problem, lines, (kind,), np.asarray(start), folds(dataset, 0))
         why = rather_a_factor(problem, (), base.x, (kind,), found.x)

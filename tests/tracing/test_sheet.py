@@ -73,20 +73,19 @@ def test_the_edge_of_the_sheet_is_named_with_its_place(design):
     assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("share", "named"), [(1.0, True), (0.5, True), (0.08, False)])
-def test_a_small_part_of_the_force_missing_at_the_ends_is_not_the_sheet(mill, share, named):
+def test_a_small_part_of_the_force_missing_at_the_ends_is_not_the_sheet(mill, posed, share, named):
     """What a drive does as it begins to move comes to some hundredths of the force."""
     with jax.enable_x64(True):
-        dataset = mill()
-        lines = compress(dataset, trusted_band(dataset, None))
-        problem, base = fit_base(pose(dataset, lines))
+        lines, problem = posed(mill())
+        problem, base = fit_base(problem)
         kind = entry_exit(lines, problem, base.model)
     why = kind.rather([], kind.build(np.array([1e-3, np.inf]), np.array([share])))
     assert (why == "") == named
     assert named or "8%" in why
 
 
+@pytest.mark.slow
 def test_a_layer_does_not_spoil_the_constants_it_is_measured_by():
     """A layer that takes three quarters of the force over a fifth of the path comes out with its size."""
     case = make("mill", {"layered_material": "strong"}, 53)

@@ -8,9 +8,7 @@ import pytest
 
 from mjx_cutting.cutting import ForceModel, Material, Tool
 from mjx_cutting.cutting.effects import FlankWear
-from mjx_cutting.tracing.lines import compress, trusted_band
 from mjx_cutting.tracing.prediction import predictions
-from mjx_cutting.tracing.problem import pose
 from mjx_cutting.tracing.waves import courses
 
 CHIP, EDGE = (8e8, 2.4e8, 1.2e8), (2e4, 1.6e4, 4e3)
@@ -23,15 +21,17 @@ def _model(chip, edge, *effects) -> ForceModel:
 
 
 @pytest.fixture(scope="module")
-def seen(mill):
+def seen(mill, posed):
     """Call it with a model, and with those of the folds: the courses of six slots."""
     with jax.enable_x64(True):
         dataset = mill()
-        lines = compress(dataset, trusted_band(dataset, None))
-        problem = pose(dataset, lines)
+        lines, problem = posed(dataset)
 
-        def look(model, folds=None):
-            return courses(dataset, lines, problem, model, predictions(dataset, lines, problem, model), folds)
+        def look(model, *folds):
+            each = [jax.tree.map(np.asarray, fold) for fold in folds or (model,)]
+            stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *each)
+            after = predictions(dataset, lines, problem, model)
+            return courses(dataset, lines, problem, model, after, stacked)
 
         yield look
 
@@ -62,8 +62,7 @@ def test_folds_tell_how_sure_either_force_is(seen):
     folds = [
         _model(np.multiply(CHIP, more), np.multiply(EDGE, less)) for more, less in ((1.1, 1.0), (0.9, 0.8))
     ]
-    stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(each) for each in leaves]), *folds)
-    for each in seen(_model(CHIP, EDGE), stacked):
+    for each in seen(_model(CHIP, EDGE), *folds):
         np.testing.assert_allclose(each.chip_by_fold, [[1.1] * 3, [0.9] * 3], rtol=1e-6)
         np.testing.assert_allclose(each.edge_by_fold, [[1.0] * 3, [0.8] * 3], rtol=1e-6)
         np.testing.assert_allclose(each.without(1).chip_n, 0.9 * each.chip_n)
