@@ -6,7 +6,8 @@
 Every effect at three strengths, pairs, sessions with nothing missing and causes beyond any library, for the
 designs mill, saw, drill and turning. Each case is appended to the log when it is done, and a run finds in the
 log what it need not repeat. `--peers` also scores, at new speeds and feeds, the base model, the named effect,
-one Gaussian process on time, sparse polynomial terms and a small neural residual. `--figure` draws the share
+one Gaussian process on time, sparse polynomial terms and a small neural residual. `--trials one_speed` (or
+five, unstated) traces sessions cut down to what a busy person records. `--figure` draws the share
 of first names that are right, effect by strength.
 """
 
@@ -19,6 +20,7 @@ import sys
 import time
 import traceback
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.study import DESIGNS, make
 from benchmarks.study.cases import Question, questions
+from benchmarks.study.fewer import FEWER
 from benchmarks.study.isolability import isolability
 from benchmarks.study.scoring import marked, seen_over_noise
 from benchmarks.study.strengths import LEVELS
@@ -44,19 +47,19 @@ def answer(question: Question, peers: bool = False) -> dict[str, Any]:
     case = make(question.design, effects, question.seed)
     began = time.perf_counter()
     try:
-        found = trace(case.dataset, seed=question.seed)
+        found = trace(FEWER[question.trials](case.dataset), seed=question.seed)
     except Exception as error:
         fault = {"error": f"{type(error).__name__}: {error}"[:500], "where": traceback.format_exc()[-1500:]}
-        plain = {"kind": question.kind, "design": question.design, "effects": list(question.effects)}
-        return {"key": question.key, **plain, "strength": question.strength, "seed": question.seed, **fault}
+        return {"key": question.key, **asdict(question), **fault}
     row = marked(question, case.truth, found.verdict)
     row["seconds"] = time.perf_counter() - began
     row["seen_over_noise"] = seen_over_noise(question)
-    if question.kind == "single":
+    whole = question.trials == "all"
+    if whole and question.kind == "single":
         row["isolability"] = isolability(question.design, question.seed, question.strength)[
             question.effects[0]
         ]
-    if peers and question.design in ("mill", "saw"):
+    if whole and peers and question.design in ("mill", "saw"):
         try:
             row["peers"] = beside(question, effects, found)
         except Exception as error:
@@ -122,6 +125,9 @@ def main() -> None:
         "--effects", nargs="+", help='effects, "a+b", "nothing", "outside" or "pair"; default all'
     )
     parser.add_argument("--strength", nargs="+", choices=LEVELS, help="of single effects; default all")
+    parser.add_argument(
+        "--trials", choices=FEWER, default="all", help="what is left of each session (default all trials)"
+    )
     parser.add_argument("--seeds", type=int, help="number of seeds (default 10, quick 1)")
     parser.add_argument("--first-seed", type=int, default=0, help="first of them (default 0)")
     parser.add_argument("--processes", type=int, default=1, help="sessions traced side by side (default 1)")
@@ -132,7 +138,9 @@ def main() -> None:
     count = arguments.seeds or (1 if arguments.quick else 10)
     seeds = range(arguments.first_seed, arguments.first_seed + count)
     log = Path(arguments.log)
-    asked = list(questions(designs, seeds, arguments.effects, arguments.quick, arguments.strength))
+    asked = list(
+        questions(designs, seeds, arguments.effects, arguments.quick, arguments.strength, arguments.trials)
+    )
     rows = read(log)
     if not arguments.tables_only:
         done = {row["key"] for row in rows}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .strengths import DRAWS, LEVELS, OUTSIDE
 
@@ -28,18 +28,21 @@ QUICK = ("radial_runout", "size_effect", "flank_wear", "mains_pickup", "sensor_l
 
 @dataclass(frozen=True)
 class Question:
-    """One session to trace: kind "single", "pair", "nothing" or "outside"; hidden effects; strength; seed."""
+    """One session to trace: kind "single", "pair", "nothing" or "outside"; hidden effects; strength; seed;
+    what is left of its trials (a key of FEWER)."""
 
     kind: str
     design: str
     effects: tuple[str, ...]
     strength: str
     seed: int
+    trials: str = "all"
 
     @property
     def key(self) -> str:
         """What a finished case is found again by."""
-        return f"{self.design}/{'+'.join(self.effects) or 'nothing'}/{self.strength}/{self.seed}"
+        left = "" if self.trials == "all" else f"/{self.trials}"
+        return f"{self.design}/{'+'.join(self.effects) or 'nothing'}/{self.strength}/{self.seed}{left}"
 
 
 def questions(
@@ -48,12 +51,13 @@ def questions(
     effects: Iterable[str] | None = None,
     quick: bool = False,
     strengths: Iterable[str] | None = None,
+    trials: str = "all",
 ) -> Iterator[Question]:
     """All cases of the study, seed by seed, so that a run cut short still covers everything a little.
 
     Arguments: designs; seeds; effects: names to keep ("nothing", an effect, "a+b", or a kind such as
     "outside"), default all; quick: medium strength and few effects only; strengths: those of single
-        effects to keep, default all.
+        effects to keep, default all; trials: what is left of each session, a key of FEWER.
     """
     wanted = None if effects is None else set(effects)
     kept = set(LEVELS if strengths is None else strengths)
@@ -64,7 +68,7 @@ def questions(
                 names = "+".join(each.effects) or "nothing"
                 asked = wanted is None or names in wanted or each.kind in wanted
                 if asked and (each.kind != "single" or each.strength in kept):
-                    yield each
+                    yield replace(each, trials=trials)
 
 
 def _of_seed(design: str, seed: int, levels: tuple[str, ...], quick: bool) -> Iterator[Question]:

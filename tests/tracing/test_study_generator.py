@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks import study
 from benchmarks.study import chatter, milling
+from benchmarks.study.fewer import FEWER
 
 
 def reference_cut(kind="slot", **changes):
@@ -189,3 +190,18 @@ def test_bad_input_is_said():
         study.make("drill", {"radial_runout": "weak"}, 0)
     with pytest.raises(ValueError, match="strength"):
         study.make("saw", {"radial_runout": "huge"}, 0)
+
+
+def test_a_session_cut_down_keeps_what_its_word_says():
+    whole = study.make("saw", {}, seed=401).dataset
+    speeds = {
+        word: [each.spindle_speed_rev_s for each in made(whole).trials if each.kind == "cut"]
+        for word, made in FEWER.items()
+    }
+    assert len(set(speeds["all"])) == 3 and len(set(speeds["one_speed"])) == 1 < len(speeds["one_speed"])
+    assert len(speeds["five"]) == 5
+    bare = FEWER["unstated"](whole)
+    assert bare.sensor.noise_std_n is None and speeds["unstated"] == speeds["all"]
+    assert {(each.kind, each.clock_start_s, each.cut_length_before_m) for each in bare.trials} == {
+        ("cut", 0.0, 0.0)
+    }
