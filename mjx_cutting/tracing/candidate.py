@@ -79,14 +79,8 @@ def try_effect(
     """
     kind = effects[-1]
     found, after = fitted(problem, lines, effects, start, fold)
-    p = chance(
-        drop=float(before.squares - found.squares),
-        added=len(found.x) - len(before.x),
-        spread=spread(problem, found),
-        floor=tolerated(problem, lines) / np.sqrt(freedom(problem, found)),
-        freedom=freedom(problem, found),
-        tries=sum(len(each.starts(problem.tool)) for each in tried),
-    )
+    tries = sum(len(each.starts(problem.tool)) for each in tried)
+    p = beyond_chance(problem, lines, effects[:-1], before, effects, found, tries)
     own = parameters(problem, lines, effects, found, after)[-1]
     decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance)
     if decision.accepted:
@@ -95,6 +89,26 @@ def try_effect(
         why = why or rather_by_line(problem, effects, before.x, found.x)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
+
+
+def beyond_chance(
+    problem: Problem, lines: Lines, fewer: Effects, before: Fit, more: Effects, after: Fit, tries: int
+) -> float:
+    """Probability that chance lowers the squared error as much as from the fit `before` of the effects
+    `fewer` to that `after` of `more`, at the best of `tries`."""
+    told_before, told = (
+        Descent(problem, effects).told(np.asarray(found.x))
+        for effects, found in ((fewer, before), (more, after))
+    )
+    left = freedom(problem, after, told)
+    return chance(
+        drop=float(before.squares - after.squares),
+        added=max(told - told_before, 1),
+        spread=spread(problem, after, told),
+        floor=tolerated(problem, lines) / np.sqrt(left),
+        freedom=left,
+        tries=tries,
+    )
 
 
 def fitted(

@@ -5,7 +5,7 @@
    simulator's own discretisation is finer and a chi-square alone names an effect in clean data.
 2. held out: the error on unseen trials falls by at least `LEAST_GAIN` of itself, by `TOLERANCE` of the force
    (root mean square; less where the model's force hardly is) and by two standard errors over trials, or in
-   shares of what each trial leaves by more than chance does.
+   shares of what each trial leaves by more than chance does; and no axis pays for it.
 3. interval: the strength's interval excludes the value at which the effect vanishes.
 4. range: every parameter lies inside its physical range, not at the edge of it.
 """
@@ -33,6 +33,8 @@ _BENEATH = 0.1
 _UNMOVED = 1e-6
 _MOST_WIDENED = 3.0
 _WIDEST = 50.0
+_RISES = 0.1
+_MOST_TRIALS = 0.75
 Array = NDArray[np.float64]
 
 
@@ -216,11 +218,12 @@ def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
     """Probability that the best of `tries` useless candidates gains as much on held-out trials, the trials
     being independent.
 
-    A useless one gains neither over all trials nor, trial by trial, in shares of what each leaves, nor in
-    more of them than it loses in; the surest of the three counts (t, t, signed ranks), as one of three tries.
-    Where a few trials hold most of the force, or of the error, all of them say little of what shows in every
-    one; the shares say little of a place that few trials reach; where they differ widely among trials that
-    all gain, a mean and its scatter say less than the ranks.
+    A useless one gains neither over all trials nor, trial by trial, in energy, nor in shares of what each
+    leaves, nor in more of them than it loses in; the surest of the four counts (t, t, t, signed ranks), as
+    one of four tries. Where a few trials hold most of the force, or of the error, all of them say little of
+    what shows in every one; a hum is the same energy in each, whatever else they leave; the shares say little
+    of a place that few trials reach; where they differ widely among trials that all gain, a mean and its
+    scatter say less than the ranks.
     """
     gain, error = gain_over_trials(before, after)
     if not np.isfinite(error):
@@ -228,11 +231,16 @@ def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
     old, new = before.error_n2.sum(axis=1), after.error_n2.sum(axis=1)
     share = (old - new) / np.maximum(old + new, 1e-300)
     count = len(share)
-    by_trial = float(np.std(share, ddof=1)) / np.sqrt(count)
-    sure = max(gain / max(error, 1e-300), float(share.mean()) / max(by_trial, 1e-300))
+    sure = max(gain / max(error, 1e-300), _surely(old - new), _surely(share))
     by_mean = float(stats.t.sf(sure, count - 1))
     by_rank = float(stats.wilcoxon(share, alternative="greater").pvalue) if share.any() else 1.0
-    return min(3 * tries * min(by_mean, by_rank), 1.0)
+    return min(4 * tries * min(by_mean, by_rank), 1.0)
+
+
+def _surely(gains: Array) -> float:
+    """Mean of one gain a trial over its standard error."""
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+    return float(gains.mean()) / max(error, 1e-300)
 
 
 def decide(
@@ -267,6 +275,11 @@ def decide(
         )
     elif scattered := over_trials and within:
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
+    if not scattered and (axis := _paid_by(before, after, tolerance)) is not None:
+        reasons.append(
+            f"predicts {'xyz'[axis]} worse on held-out trials ({before.per_axis[axis]:.4f} to "
+            f"{after.per_axis[axis]:.4f} of its force) to have the other axes better"
+        )
     nil = {
         name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
     }
@@ -287,6 +300,17 @@ def decide(
     return Decision(
         not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered
     )
+
+
+def _paid_by(before: HeldOut, after: HeldOut, tolerance: float) -> int | None:
+    """The axis that an effect which is not there lets go wrong, to fit another: its error rises by a tenth or
+    more in most of the trials, and altogether by more than the model may be off."""
+    rise = after.error_n2 - before.error_n2
+    whole = rise.sum(axis=0)
+    most = np.mean(rise > 0.0, axis=0) >= _MOST_TRIALS
+    enough = np.maximum(_RISES * before.error_n2.sum(axis=0), tolerance**2 * before.energy_n2.sum())
+    paid = np.flatnonzero(most & (whole > enough))
+    return int(paid[0]) if paid.size else None
 
 
 def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:

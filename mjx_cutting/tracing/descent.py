@@ -30,6 +30,7 @@ _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
 _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
 _HUGE = 1e9
+_UNTOLD = 1e-3
 _GLANCE = (1e-2, 1e-1, 1.0)
 Matrix = NDArray[np.floating]
 
@@ -64,6 +65,14 @@ class Descent:
     def measured(self) -> int:
         """Rows of a residual that are measurements; penalties follow them."""
         return int(np.prod(self.problem.whitened.shape))
+
+    def told(self, x: Matrix) -> int:
+        """How many combinations of the unknowns the measurements tell at `x` [U]: at one feed, say, the force
+        of the chip is not told from that of the edge."""
+        slope = self.around(x)[1][: self.measured]
+        size = np.linalg.norm(slope, axis=0)
+        shown = size > _UNTOLD * size.max(initial=1e-300)
+        return int(np.linalg.matrix_rank(slope[:, shown] / size[shown], tol=_UNTOLD)) if shown.any() else 0
 
     def rows(self, x: Matrix) -> Rows:
         """Residuals at `x` [n, U]."""

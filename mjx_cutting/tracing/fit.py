@@ -19,6 +19,7 @@ import optimistix as optx
 from jax import Array
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel
+from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.problem import (
     CONSTANTS,
     Problem,
@@ -89,20 +90,24 @@ def effect_starts(problem: Problem, kind: type[AbstractEffect], before: Array) -
     return np.asarray([np.concatenate([before, start]) for start in kind.starts(problem.tool)])
 
 
-def freedom(problem: Problem, found: Fit) -> int:
-    """Degrees of freedom a fit to all trials leaves: numbers measured less unknowns and phases."""
-    return max(lines_measured(problem) - len(found.x) - problem.trials, 1)
+def freedom(problem: Problem, found: Fit, told: int | None = None) -> int:
+    """Degrees of freedom a fit to all trials leaves: numbers measured less phases, which levels do not have,
+    and the unknowns that they tell, `told` of all."""
+    unknowns = len(found.x) if told is None else told
+    phases = 0 if problem.tool.kind in LEVEL_KINDS else problem.trials
+    return max(lines_measured(problem) - phases - unknowns, 1)
 
 
-def spread(problem: Problem, found: Fit) -> float:
+def spread(problem: Problem, found: Fit, told: int | None = None) -> float:
     """Root mean square of the weighted residual per degree of freedom: 1 where the weights are right."""
-    return float(np.sqrt(found.squares / freedom(problem, found)))
+    return float(np.sqrt(found.squares / freedom(problem, found, told)))
 
 
 def lines_measured(problem: Problem) -> int:
-    """Real numbers a fit is made to: present lines times axes, less the free biases."""
+    """Real numbers a fit is made to: present lines times axes, of a drill two, less the free biases."""
+    axes = 2 if problem.tool.kind == "drill" else 3
     free = int(np.sum(np.asarray(problem.bias_spread_n) > 0.0)) * problem.trials
-    return 3 * int(np.asarray(problem.present).sum()) - free
+    return axes * int(np.asarray(problem.present).sum()) - free
 
 
 def reweighted(problem: Problem, found: Fit) -> Problem:

@@ -25,7 +25,7 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
     air = [trial for trial in dataset.trials if trial.kind == "air"]
     if air:
         noise = np.sqrt(np.mean([np.mean(power_between_lines(trial.force_n, rate, band)) for trial in air]))
-    elif dataset.sensor.noise_std_n is not None:
+    elif dataset.sensor.noise_std_n is not None and dataset.tool.kind != "drill":
         share = (band[1] - band[0]) / (0.5 * rate)
         noise = np.sqrt(np.mean(np.square(dataset.sensor.noise_std_n)) * share)
     elif dataset.tool.kind in LEVEL_KINDS:

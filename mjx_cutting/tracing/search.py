@@ -22,6 +22,7 @@ from mjx_cutting.tracing.fit import Effects, Fit, fit_base, reweighted
 from mjx_cutting.tracing.heldout import HeldOut, held_out
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.problem import Problem
+from mjx_cutting.tracing.run_in import with_run_in
 from mjx_cutting.tracing.screening import Screened, screen
 
 MOST_EFFECTS = 4
@@ -68,13 +69,15 @@ def search(
     current, heldout = base, base_heldout
     rounds: list[Round] = []
     while len(effects) < MOST_EFFECTS and (not rounds or _worth_a_round(problem, lines, heldout)):
-        open_ = [kind for kind in candidates if kind not in effects and kind.size(problem.tool) > 0]
+        named = {kind.name for kind in effects}
+        open_ = [kind for kind in candidates if kind.name not in named and kind.size(problem.tool) > 0]
         screened = screen(problem, effects, current.x, open_, progress)
         tried = []
         for each in shortlist(screened):
             progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
             both = (*effects, each.kind)
-            tried.append(try_effect(problem, lines, both, each.x, current, heldout, fold, open_))
+            one = try_effect(problem, lines, both, each.x, current, heldout, fold, open_)
+            tried.append(with_run_in(one, problem, lines, both, current, heldout, fold, open_))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = _accepted(tried)
         rounds.append(Round(heldout, screened, tuple(tried), accepted))

@@ -34,7 +34,7 @@ from mjx_cutting.tracing.shapes import (
 )
 from mjx_cutting.tracing.slow_kinds import KINDS, Kind, as_values
 
-MOST_SLOW = 3
+MOST_SLOW = 4
 _HATS = 24
 _SHARE_OF_FREE = 0.85
 _MOST_UNSURE = 2.0
@@ -113,7 +113,7 @@ def search_slow(
             replace(each, left_n=each.left_n - added)
             for each, added in zip(trials, accepted.added_n, strict=True)
         ]
-        open_ = [kind for kind in open_ if kind.effect is not accepted.kind]
+        open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
     return tuple(rounds)
 
 

@@ -41,6 +41,7 @@ class Kind:
         own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
         rather: why an effect found is more likely something else, in words; "" where it is not.
+        several: whether there may be more than one of it: a layer beside another, a harmonic of the mains.
         refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
     """
 
@@ -50,6 +51,7 @@ class Kind:
     columns: Callable[[Course, Array], Array]
     build: Callable[[Array, Array], AbstractEffect]
     own_phase: bool = False
+    several: bool = False
     rather: Callable[[Sequence[Course], AbstractEffect], str] | None = None
     refine: Callable[[Array, Array, float], Array] | None = None
     sums: Callable[[Sequence[Course], Array], Sums] | None = None
@@ -280,6 +282,7 @@ KINDS: tuple[Kind, ...] = (
         _layers,
         _layer,
         _layer_effect,
+        several=True,
         rather=_layer_at_the_end,
         refine=_layers_near,
         sums=_layer_sums,
@@ -291,6 +294,7 @@ KINDS: tuple[Kind, ...] = (
         _mains_columns,
         _mains_effect,
         own_phase=True,
+        several=True,
         rather=_mains_of_the_spindle,
         sums=_mains_sums,
     ),

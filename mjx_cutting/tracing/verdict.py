@@ -30,7 +30,7 @@ AT_FLOOR = 1.1
 TIED = 2.0
 _TELLING = 5.0
 _CLEARLY = 1.5
-_CLEARLY_OF_LEVELS = 5.0
+_CLEARLY_OF_LEVELS = 3.0
 _WIDER = "trials over a wider range of speed and feed"
 
 
@@ -56,7 +56,9 @@ def verdict(
     accepted = [each for each in found.rounds if each.accepted is not None]
     ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
     named = [_effect(each, own, evidence) for each, own in zip(accepted, found.intervals, strict=True)]
-    named += [_effect(each, each.accepted.decision.parameters, evidence) for each in slow if each.accepted]
+    for each in slow:
+        if each.accepted:
+            _add(named, _effect(each, each.accepted.decision.parameters, evidence))
     end = final(found, slow)
     left = [each for each in after if each.found]
     return {
@@ -184,6 +186,23 @@ def _effect(
         else {"name": runner_up.kind.name, "heldout_nrmse": runner_up.heldout.nrmse},
         "evidence": evidence.get(each.accepted.kind.name, []),
     }
+
+
+def _add(named: list[dict[str, Any]], found: dict[str, Any]) -> None:
+    """Add an effect to those named; of several layers or harmonics the strongest stands for all, and what it
+    is joined by is told as evidence."""
+    first = next((each for each in named if each["name"] == found["name"]), None)
+    if first is None:
+        named.append(found)
+        return
+    first["heldout_gain"] += found["heldout_gain"]
+    values = (
+        (name, each.get("values", each["value"]), each["unit"]) for name, each in found["parameters"].items()
+    )
+    told = ", ".join(
+        f"{name} {np.array2string(np.asarray(value), precision=4)} {unit}" for name, value, unit in values
+    )
+    first["evidence"] = [*first["evidence"], f"and another: {told}"]
 
 
 def _parameter(found: Interval) -> dict[str, Any]:

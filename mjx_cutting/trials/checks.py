@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjx_cutting.trials.dataset import Array, Dataset, LeftOut, Sensor, ToolInfo, Trial, process_to_columns
+from mjx_cutting.trials.idle import idle_cuts
 from mjx_cutting.trials.saturation import find_saturation
 
 Channels = list[tuple[str, Array]]
@@ -96,6 +97,9 @@ def finish(dataset: Dataset, outcomes: Iterable[tuple[Trial | LeftOut, Verdict]]
         else:
             trials.append(outcome)
         warnings += [f"{outcome.file}: {warning}" for warning in verdict.warnings]
+    idle = idle_cuts(trials)
+    left_out += [LeftOut(file, why) for file, why in idle.items()]
+    trials = [trial for trial in trials if trial.file not in idle]
     if not trials:
         listed = "\n".join(f"  {one.file}: {one.reason}" for one in left_out[:20])
         more = f"\n  and {len(left_out) - 20} more" if len(left_out) > 20 else ""

@@ -120,13 +120,14 @@ class AntiAlias:
 class Sensor:
     """The force sensor.
 
-    sample_rate_hz [Hz] (> 0); noise_std_n: standard deviation of each process axis [N], or None where
-    unknown; zeroed: "trial" (bias taken anew before each trial) or "session" (one bias for all, drift shows);
-    units: "SI" or "arbitrary" (uncalibrated); anti_alias: the known filter before sampling, or None.
+    sample_rate_hz [Hz] (> 0); noise_std_n: standard deviation of each process axis [N], or of a drill's
+    thrust [N] and torque [N m], or None where unknown; zeroed: "trial" (bias taken anew before each trial) or
+    "session" (one bias for all, drift shows); units: "SI" or "arbitrary" (uncalibrated); anti_alias: the
+    known filter before sampling, or None.
     """
 
     sample_rate_hz: float
-    noise_std_n: tuple[float, float, float] | None = None
+    noise_std_n: tuple[float, float, float] | tuple[float, float] | None = None
     zeroed: Literal["trial", "session"] = "trial"
     units: Literal["SI", "arbitrary"] = "SI"
     anti_alias: AntiAlias | None = None
@@ -136,10 +137,10 @@ class Sensor:
         _one_of("sensor.zeroed", self.zeroed, ZEROINGS)
         _one_of("sensor.units", self.units, UNITS)
         if self.noise_std_n is not None:
-            if isinstance(self.noise_std_n, str) or len(self.noise_std_n) != 3:
+            if isinstance(self.noise_std_n, str) or len(self.noise_std_n) not in (2, 3):
                 raise ValueError(
-                    f"sensor.noise_std_n: got {self.noise_std_n!r}, expected three numbers or null; "
-                    "give newtons, one a force column."
+                    f"sensor.noise_std_n: got {self.noise_std_n!r}, expected three numbers (two for a drill) "
+                    "or null; give one a force column, in newtons (torque in newton metres)."
                 )
             for index, value in enumerate(self.noise_std_n):
                 _number(f"sensor.noise_std_n[{index}]", value, least=0.0)
@@ -264,6 +265,12 @@ class Dataset:
     def __post_init__(self) -> None:
         if self.axes is not None:
             check_axes(self.axes)
+        noise = self.sensor.noise_std_n
+        if noise is not None and len(noise) == 2 and not self.tool.measures_torque:
+            raise ValueError(
+                f"sensor.noise_std_n: got {noise!r}, expected three numbers for tool.kind "
+                f"{self.tool.kind!r}; give newtons, one a force column."
+            )
         files = [trial.file for trial in self.trials]
         twice = (
             sorted({file for file in files if files.count(file) > 1}) if len(set(files)) < len(files) else []

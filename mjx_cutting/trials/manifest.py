@@ -132,7 +132,7 @@ def parse_manifest(document: Any, *, name: str) -> Manifest:
     axes = parse_axes(top)
     if tool.measures_torque and axes is not None and axes[2][1] != "z":
         raise top.fault("axes", "the third (thrust) to be +z or -z for a drill", "correct it or set null")
-    sensor, warnings = parse_sensor(sensor_keys, axes)
+    sensor, warnings = parse_sensor(sensor_keys, axes, tool.measures_torque)
     warnings = tool_keys.unknown() + warnings
     rows = None if top.absent("trials") else document["trials"]
     if not isinstance(rows, list) or not rows:
@@ -202,21 +202,34 @@ def parse_axes(top: Keys) -> tuple[str, str, str] | None:
     return axes[0], axes[1], axes[2]
 
 
-def parse_sensor(keys: Keys, axes: tuple[str, str, str] | None) -> tuple[Sensor, list[str]]:
-    """The sensor section and its warnings; noise_std_n, given by force column, is put in process axes."""
+def _noise(
+    keys: Keys, axes: tuple[str, str, str] | None, torque: bool
+) -> tuple[float, float, float] | tuple[float, float]:
+    given = keys.table["noise_std_n"]
+    good = isinstance(given, list) and len(given) in ((2, 3) if torque else (3,))
+    if not good or any(
+        isinstance(v, bool) or not isinstance(v, int | float) or not 0 <= v < np.inf for v in given
+    ):
+        count = "two or three" if torque else "three"
+        units = "newtons and newton metres" if torque else "newtons"
+        raise keys.fault(
+            "noise_std_n", f"{count} numbers not less than 0, or null", f"give {units}, one a force column"
+        )
+    if len(given) == 2:
+        return float(given[0]), float(given[1])
+    placed = dict(zip((axis[1] for axis in axes) if axes else "xyz", map(float, given), strict=True))
+    return placed["x"], placed["y"], placed["z"]
+
+
+def parse_sensor(
+    keys: Keys, axes: tuple[str, str, str] | None, torque: bool = False
+) -> tuple[Sensor, list[str]]:
+    """The sensor section and its warnings; noise_std_n, given by force column, is put in process axes.
+
+    With `torque` two numbers will do, those of thrust and torque, in the order of the columns.
+    """
     rate_hz = keys.number("sample_rate_hz", above=0.0)
-    noise: tuple[float, float, float] | None = None
-    if not keys.absent("noise_std_n"):
-        given = keys.table["noise_std_n"]
-        good = isinstance(given, list) and len(given) == 3
-        if not good or any(
-            isinstance(v, bool) or not isinstance(v, int | float) or not 0 <= v < np.inf for v in given
-        ):
-            raise keys.fault(
-                "noise_std_n", "three numbers not less than 0, or null", "give newtons, one a force column"
-            )
-        placed = dict(zip((axis[1] for axis in axes) if axes else "xyz", map(float, given), strict=True))
-        noise = (placed["x"], placed["y"], placed["z"])
+    noise = None if keys.absent("noise_std_n") else _noise(keys, axes, torque)
     warnings: list[str] = []
     anti_alias = None
     if not keys.absent("anti_alias"):

@@ -103,13 +103,14 @@ def records_of(
             warnings.append(
                 f"column {name}: got values that are not finite, expected numbers; the column is not used."
             )
-    if positions and len(positions) < 3:
-        lacking = ", ".join(name for name in POSITIONS if name not in positions)
-        warnings.append(
-            f"columns {', '.join(positions)}: {lacking} missing, all three are needed; position is not used."
-        )
-    elif usable.issuperset(POSITIONS):
-        records["position_m"] = np.stack([columns[name] for name in POSITIONS], axis=-1)
+    if positions and usable.issuperset(positions):
+        lacking = [name for name in POSITIONS if name not in positions]
+        if lacking:
+            warnings.append(
+                f"columns {', '.join(positions)}: {', '.join(lacking)} missing; taken as not moving, zero."
+            )
+        still = np.zeros_like(time_s)
+        records["position_m"] = np.stack([columns.get(name, still) for name in POSITIONS], axis=-1)
     for name, field in SINGLES.items():
         if name in usable:
             records[field] = columns[name]

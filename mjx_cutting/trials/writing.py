@@ -56,7 +56,7 @@ def describe(dataset: Dataset) -> dict[str, Any]:
     """The content of `dataset.json` for a dataset."""
     tool, sensor = dataset.tool, dataset.sensor
     noise = sensor.noise_std_n
-    if noise is not None and dataset.axes is not None:
+    if noise is not None and len(noise) == 3 and dataset.axes is not None:
         noise = (*(noise["xyz".index(axis[1])] for axis in dataset.axes),)  # type: ignore[assignment]
     filter_ = sensor.anti_alias
     return {

@@ -49,7 +49,11 @@ def trial(**changes: object) -> Trial:
         (lambda: ToolInfo("end_mill", 2, float("nan")), ["tool.diameter_m", "nan", "finite"]),
         (lambda: ToolInfo("end_mill", 2, 0.025, 45.0), ["tool.helix_rad", "45.0", "radians"]),
         (lambda: Sensor(0.0), ["sensor.sample_rate_hz", "0.0", "greater than 0"]),
-        (lambda: Sensor(500.0, (0.1, 0.1)), ["sensor.noise_std_n", "three"]),  # type: ignore[arg-type]
+        (lambda: Sensor(500.0, (0.1,)), ["sensor.noise_std_n", "three"]),  # type: ignore[arg-type]
+        (
+            lambda: Dataset(name="s", tool=ToolInfo("end_mill", 2, 0.01), sensor=Sensor(500.0, (0.1, 0.1))),
+            ["sensor.noise_std_n", "three numbers for tool.kind 'end_mill'"],
+        ),
         (lambda: Sensor(500.0, (0.1, -0.1, 0.1)), ["sensor.noise_std_n[1]", "-0.1"]),
         (lambda: Sensor(500.0, zeroed="never"), ["sensor.zeroed", "never", "session"]),  # type: ignore[arg-type]
         (lambda: Sensor(500.0, units="lbf"), ["sensor.units", "lbf", "arbitrary"]),  # type: ignore[arg-type]

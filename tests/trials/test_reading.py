@@ -205,14 +205,17 @@ def test_parquet_with_text_in_a_force_column(folder):
     assert "column force_x_n of type string" in reason(read(folder.write()), "t1.parquet")
 
 
-def test_an_incomplete_position_and_a_broken_optional_column_are_not_used(folder):
+def test_an_axis_without_position_stands_still_and_a_broken_optional_column_is_not_used(folder):
     columns = folder.columns("t0.csv")
-    columns["position_x_m"] = columns["time_s"]
+    columns["position_y_m"] = columns["time_s"]
     columns["spindle_angle_rad"] = np.where(columns["time_s"] > 0.5, np.nan, 1.0)
     dataset = read(folder.write())
-    assert dataset.trials[0].position_m is None and dataset.trials[0].spindle_angle_rad is None
+    trial = dataset.trials[0]
+    assert trial.spindle_angle_rad is None
+    np.testing.assert_array_equal(trial.position_m[:, 1], trial.time_s)
+    assert not trial.position_m[:, [0, 2]].any()
     told = "\n".join(dataset.warnings)
-    assert "position_y_m, position_z_m missing" in told
+    assert "position_x_m, position_z_m missing; taken as not moving" in told
     assert "column spindle_angle_rad: got values that are not finite" in told
 
 

@@ -1,9 +1,10 @@
 """Ploughing: below a minimum chip thickness the edge pushes material aside instead of shearing it.
 
-f = b [q k_c min(h, h_min) + k_c max(h - h_min, 0)]: the stiffness is q k_c up to h_min, k_c beyond. Waldorf,
-DeVor and Kapoor, J. Manufacturing Science and Engineering 120 (1998) 693-699; h_min is 0.2 to 0.4 of the edge
-radius. Signature: extra force at entry and exit and at low feed; at high feed it is an edge constant.
-Confused with wear, which a sharp edge does not show, and with the size effect, which never levels off.
+f = b [k_p min(h, h_min) + k_c max(h - h_min, 0)], k_p = q k_c, one q a direction: an edge that ploughs pushes
+away more than it drags along. Waldorf, DeVor and Kapoor, J. Manufacturing Science and Engineering 120 (1998)
+693-699; h_min is 0.2 to 0.4 of the edge radius. Signature: extra force at entry and exit and at low feed; at
+high feed it is an edge constant. Confused with wear, which a sharp edge does not show, and with the size
+effect, which never levels off.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ _THINNEST_M = 1e-10
 class Ploughing(AbstractEffect):
     """A stiffer force law below the minimum chip thickness.
 
-    Fields: `minimum_chip_m` [] h_min, m; `ratio` [] q, stiffness below h_min over that above it.
+    Fields: `minimum_chip_m` [] h_min, m; `ratio` [3] q, stiffness below h_min over that above it, tangential,
+    radial and axial (one number for all three will do).
     """
 
     name = "ploughing"
@@ -38,8 +40,10 @@ class Ploughing(AbstractEffect):
     strength = "minimum_chip_m"
     alike = True
     parameters = {
-        "minimum_chip_m": Parameter("m", 0.0, 2e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-50 um"),
-        "ratio": Parameter("1", 1.05, 20.0, None, 3.0, log=True, source="working knowledge"),
+        "minimum_chip_m": Parameter(
+            "m", 0.0, 4e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-100 um"
+        ),
+        "ratio": Parameter("1", 0.5, 30.0, None, 3.0, log=True, length=3, source="working knowledge"),
     }
     signature = "extra force at entry, exit and low feed that levels off with feed"
     confused_with = {
@@ -52,9 +56,8 @@ class Ploughing(AbstractEffect):
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         ploughed = jnp.minimum(1.0, self.minimum_chip_m / jnp.maximum(chip.thickness_m, _THINNEST_M))
-        more = 1.0 + (jnp.asarray(self.ratio) - 1.0) * ploughed
-        return force._replace(chip=force.chip * more[..., None])
+        return force._replace(chip=force.chip * (1.0 + (jnp.asarray(self.ratio) - 1.0) * ploughed[..., None]))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, 0.0], [3.0, 0.0]])
+        return np.asarray([[0.5, 0.0, 0.0, 0.0], [3.0, 0.0, 0.0, 0.0]])
