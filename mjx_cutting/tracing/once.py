@@ -194,10 +194,10 @@ def _complete(found: Pass) -> bool:
     """Whether nothing is left, and no steady effect was refused only for a gain that scatters over trials."""
     rounds = found.search.rounds
     in_doubt = bool(rounds) and any(each.decision.scattered for each in rounds[-1].candidates)
-    return not in_doubt and _near_floor(found)
+    return not in_doubt and near_floor(found)
 
 
-def _near_floor(found: Pass) -> bool:
+def near_floor(found: Pass) -> bool:
     """Whether the pass leaves no more than noise and calculation do."""
     floor = noise_floor(found.dataset, found.lines)
     return found.final.nrmse <= reached(floor, found.search.problem.tolerance)
@@ -209,7 +209,7 @@ def _by_position(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _
     dataset, rounds = first.dataset, first.search.rounds
     moving = [kind for kind in kinds if kind.by_position]
     on_path = first.search.problem.motion is not None
-    if on_path or not moving or _near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
+    if on_path or not moving or near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
         return first
     pieces = in_pieces(dataset, first.lines)
     if pieces is None:

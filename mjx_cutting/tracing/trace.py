@@ -20,12 +20,13 @@ from mjx_cutting.tracing.decision import gain_over_trials
 from mjx_cutting.tracing.dependence import Dependence, dependences
 from mjx_cutting.tracing.droop import NAME as DROOP
 from mjx_cutting.tracing.droop import find_droop
+from mjx_cutting.tracing.engaged import Engaged, engaged
 from mjx_cutting.tracing.evidence import evidence
 from mjx_cutting.tracing.isolability import isolability
 from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.lines import trusted_band
 from mjx_cutting.tracing.measured_path import pose_on_path, steady_cuts
-from mjx_cutting.tracing.once import Pass, for_use, once
+from mjx_cutting.tracing.once import Pass, for_use, near_floor, once
 from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.selfexcited import find_vibration
 from mjx_cutting.tracing.sheet import inside_the_sheet
@@ -85,13 +86,14 @@ def trace(
         def one_pass(trials: Dataset) -> Pass:
             return once(trials, band, kinds, steady, seed, progress)
 
-        found = None
+        found = cut_down = None
         if on_path:
             progress("on the measured path of the tool")
             bare = once(dataset, band, (), (), seed, progress)
             found = _if_better(once(dataset, band, kinds, steady, seed, progress, pose_on_path), bare)
         if found is None:
             found = inside_the_sheet(one_pass(dataset), one_pass)
+            found, cut_down = _where_engaged(found, one_pass)
         if any(kind.name == VIBRATION for kind in kinds):
             progress("lines off the spindle's multiples")
             found = _with_vibration(found)
@@ -118,19 +120,29 @@ def trace(
             found = replace(found, model=for_use(found.dataset, unnamed.model))
             word["remaining"]["description"] += f"; {unnamed}"
         above = above_band(found.dataset, found.model, band)
-        if above is not None:
-            word["remaining"]["description"] += f"; {above}"
+        for told in (above, cut_down):
+            if told is not None:
+                word["remaining"]["description"] += f"; {told}"
     return Tracing(
         **vars(found),
         depends_before=depends_before,
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed, above),
+        caveats=_caveats(found, reading, unnamed, above, cut_down),
     )
 
 
-def _caveats(found: Pass, *others: Reading | Unnamed | Above | None) -> tuple[str, ...]:
+def _where_engaged(found: Pass, one_pass: Callable[[Dataset], Pass]) -> tuple[Pass, Engaged | None]:
+    """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
+    finds where their tools are in the cut."""
+    if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
+        return found, None
+    part = engaged(found.dataset)
+    return (found, None) if part is None else (one_pass(part.dataset), part)
+
+
+def _caveats(found: Pass, *others: Reading | Unnamed | Above | Engaged | None) -> tuple[str, ...]:
     caveats = [str(each) for each in others if each is not None]
     motion = found.search.problem.motion
     if motion is not None:
