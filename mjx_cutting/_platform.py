@@ -9,6 +9,8 @@ Why each is here:
   unless the user has said otherwise. It works only where this module is imported before NumPy's or SciPy's
   BLAS is loaded.
 * brax 0.14.2 calls `jax.device_put_replicated`, which jax 0.10 has removed.
+* Compiled programs of XLA's CPU backend take some seventy memory mappings each, of which Linux allows a
+  process 65,530; `spare_mappings` drops them before that ends the process.
 * Identification wants float64, simulation float32: `x64()` is a context, and nothing sets the flag globally.
 
 JAX is imported inside the functions, so importing this module stays cheap.
@@ -183,6 +185,25 @@ def enable_compile_cache(path: str | os.PathLike[str] | None = None) -> Path:
     else:
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     return folder
+
+
+def spare_mappings(most: int = 40_000) -> bool:
+    """Drops all compiled programs where the process holds more than `most` memory mappings.
+
+    Returns whether it did. To be called between long computations of ever new shapes; with the compile cache
+    on, what is needed again is read back from there.
+    """
+    try:
+        with Path("/proc/self/maps").open(encoding="utf-8", errors="replace") as maps:
+            held = sum(1 for _ in maps)
+    except OSError:
+        return False
+    if held <= most:
+        return False
+    import jax
+
+    jax.clear_caches()
+    return True
 
 
 def versions() -> dict[str, str]:

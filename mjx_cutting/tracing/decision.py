@@ -231,14 +231,16 @@ def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
     old, new = before.error_n2.sum(axis=1), after.error_n2.sum(axis=1)
     share = (old - new) / np.maximum(old + new, 1e-300)
     count = len(share)
-    sure = max(gain / max(error, 1e-300), _surely(old - new), _surely(share))
+    sure = max(gain / max(error, 1e-300), surely(old - new), surely(share))
     by_mean = float(stats.t.sf(sure, count - 1))
     by_rank = float(stats.wilcoxon(share, alternative="greater").pvalue) if share.any() else 1.0
     return min(4 * tries * min(by_mean, by_rank), 1.0)
 
 
-def _surely(gains: Array) -> float:
-    """Mean of one gain a trial over its standard error."""
+def surely(gains: Array) -> float:
+    """Mean of one gain a trial, [R], over its standard error; of two trials or fewer just its sign."""
+    if len(gains) < 3:
+        return float(np.sign(gains.mean())) * np.inf if gains.any() else 0.0
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
     return float(gains.mean()) / max(error, 1e-300)
 

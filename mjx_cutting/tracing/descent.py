@@ -19,8 +19,16 @@ from jax import Array
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import ForceModel
-from mjx_cutting.tracing.fit import STIFFNESS, Effects, Fit
-from mjx_cutting.tracing.problem import Problem, model_at, model_lines, out_of_range, padded, shared_bias
+from mjx_cutting.tracing.fit import STIFFNESS, Effects, Fit, in_air
+from mjx_cutting.tracing.problem import (
+    Problem,
+    beside_the_cuts,
+    model_at,
+    model_lines,
+    out_of_range,
+    padded,
+    shared_bias,
+)
 from mjx_cutting.tracing.residual import marks, residual_of_lines
 
 _COMPILER = {"xla_backend_optimization_level": 1}
@@ -39,8 +47,9 @@ Matrix = NDArray[np.floating]
 class Rows:
     """What a model leaves, at many unknowns at once.
 
-    Fields: `left` [n, M + B] weighted residual, then the penalties outside the ranges; `error_n2` [n, R, 3]
-    squared error of each trial and axis, N^2; `phase_rad` [n, R] phase of each trial.
+    Fields: `left` [n, M + B] weighted residual, then that of levels in air and the penalties outside the
+    ranges; `error_n2` [n, R, 3] squared error of each trial and axis, N^2; `phase_rad` [n, R] phase of each
+    trial.
     """
 
     left: Matrix
@@ -63,13 +72,13 @@ class Descent:
 
     @property
     def measured(self) -> int:
-        """Rows of a residual that are measurements; penalties follow them."""
+        """Rows of a residual that are measured in cuts; levels in air and penalties follow them."""
         return int(np.prod(self.problem.whitened.shape))
 
     def told(self, x: Matrix) -> int:
         """How many combinations of the unknowns the measurements tell at `x` [U]: at one feed, say, the force
         of the chip is not told from that of the edge."""
-        slope = self.around(x)[1][: self.measured]
+        slope = self.around(x)[1][: self.measured + in_air(self.problem)]
         size = np.linalg.norm(slope, axis=0)
         shown = size > _UNTOLD * size.max(initial=1e-300)
         return int(np.linalg.matrix_rank(slope[:, shown] / size[shown], tol=_UNTOLD)) if shown.any() else 0
@@ -80,11 +89,8 @@ class Descent:
         for lines, bias, beyond, _ in self._batches(x):
             by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias)]
             parts.append([*by_trial, np.asarray(beyond)])
-        weighted, error, phase, outside = (
-            np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True)
-        )
-        penalties = STIFFNESS * np.clip(outside, -_HUGE, _HUGE)
-        left = np.concatenate([weighted.reshape(len(x), -1), penalties], axis=1)
+        weighted, error, phase, beside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        left = np.concatenate([weighted.reshape(len(x), -1), beside], axis=1)
         return Rows(np.clip(np.nan_to_num(left, nan=_HUGE), -_HUGE, _HUGE), error, phase)
 
     def models(self, x: Matrix) -> ForceModel:
@@ -204,8 +210,10 @@ class Descent:
         """The fits at unknowns `x` [F, U], each judged over the trials of its row of `use` [F, R]."""
         rows = self.rows(x)
         left = rows.left[:, : self.measured].reshape(len(x), self.problem.trials, -1)
-        squares = np.sum(np.sum(left**2, axis=2) * use, axis=1)
-        cost = 0.5 * (squares + np.sum(rows.left[:, self.measured :] ** 2, axis=1))
+        beside = rows.left[:, self.measured :]
+        air = np.sum(beside[:, : in_air(self.problem)] ** 2, axis=1)
+        squares = np.sum(np.sum(left**2, axis=2) * use, axis=1) + air
+        cost = 0.5 * (squares - air + np.sum(beside**2, axis=1))
         return Fit(x, cost, squares, rows.error_n2, self.models(x), np.isfinite(cost))  # type: ignore[arg-type]
 
 
@@ -218,7 +226,9 @@ def _scale(normal: Matrix) -> Matrix:
 def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array, ForceModel]:
     def one(x: Array) -> tuple[Array, Array, Array, ForceModel]:
         model = jax.tree.map(jnp.asarray, model_at(problem, x, effects))
-        return model_lines(problem, model), shared_bias(problem, x), out_of_range(problem, x, effects), model
+        outside = STIFFNESS * jnp.clip(out_of_range(problem, x, effects), -_HUGE, _HUGE)
+        beside = jnp.concatenate([beside_the_cuts(problem, x, model), outside])
+        return model_lines(problem, model), shared_bias(problem, x), beside, model
 
     return jax.vmap(one)(x)
 

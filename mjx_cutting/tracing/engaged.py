@@ -54,6 +54,8 @@ def engaged(dataset: Dataset) -> Engaged | None:
     zeroed = shown and sensor.zeroed == "trial"
     trials = []
     for trial in dataset.trials:
+        if zeroed and trial.kind == "air":
+            trial = replace(trial, force_n=trial.force_n - trial.force_n.mean(axis=0))
         if trial.file in stays:
             stay = stays[trial.file]
             if zeroed:

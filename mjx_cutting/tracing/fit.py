@@ -23,6 +23,7 @@ from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.problem import (
     CONSTANTS,
     Problem,
+    beside_the_cuts,
     model_at,
     model_lines,
     out_of_range,
@@ -47,7 +48,7 @@ class Fit(eqx.Module):
     Fields:
         x: [U] global unknowns.
         cost: [] half the sum of squared weighted residuals over the trials used, and of the penalties.
-        squares: [] sum of squared weighted residuals over the trials used.
+        squares: [] sum of squared weighted residuals over the trials used, and over levels in air.
         error_n2: [R, 3] squared error on the lines of EVERY trial, its own phase and bias fitted, N^2.
         model: the force model at `x`.
         ok: [] True where the result is finite.
@@ -104,10 +105,16 @@ def spread(problem: Problem, found: Fit, told: int | None = None) -> float:
 
 
 def lines_measured(problem: Problem) -> int:
-    """Real numbers a fit is made to: present lines times axes, of a drill two, less the free biases."""
+    """Real numbers a fit is made to: present lines times axes, of a drill two, less the free biases; and the
+    levels in air."""
     axes = 2 if problem.tool.kind == "drill" else 3
     free = int(np.sum(np.asarray(problem.bias_spread_n) > 0.0)) * problem.trials
-    return axes * int(np.asarray(problem.present).sum()) - free
+    return axes * (int(np.asarray(problem.present).sum()) + in_air(problem) // 3) - free
+
+
+def in_air(problem: Problem) -> int:
+    """Rows of a residual that are levels in air."""
+    return 0 if problem.air is None else 3 * len(problem.air.samples)
 
 
 def reweighted(problem: Problem, found: Fit) -> Problem:
@@ -156,10 +163,11 @@ def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) ->
         left = residual_of_lines(problem, differenced(x), shared_bias(problem, x))
         used = left.weighted * use_row[:, None, None]
         outside = STIFFNESS * out_of_range(problem, x, effects)
+        air = beside_the_cuts(problem, x, model_at(problem, x, effects))
         unsure = _DAMPING_OF_UNKNOWNS * x[CONSTANTS:]
-        squares = jnp.sum(used**2)
-        found = squares, 0.5 * (squares + jnp.sum(outside**2)), jnp.sum(left.remaining_n**2, axis=1)
-        return (used, outside, unsure), found
+        squares = jnp.sum(used**2) + jnp.sum(air**2)
+        cost = 0.5 * (squares + jnp.sum(outside**2))
+        return (used, air, outside, unsure), (squares, cost, jnp.sum(left.remaining_n**2, axis=1))
 
     def one(start: Array, use_row: Array) -> Fit:
         solution = optx.least_squares(

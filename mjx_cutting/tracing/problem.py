@@ -23,6 +23,7 @@ from jax.typing import ArrayLike
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
 from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
 from mjx_cutting.cutting.effects.helix_lag import HelixLag
+from mjx_cutting.tracing.air import Air, air_levels, left_in_air
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.line_gain import helix_gain, line_gain
@@ -65,6 +66,7 @@ class Problem(eqx.Module):
         trust: [R, 3] factor on the weight of each trial; None: one.
         tolerance: share of the force by which any model of it may be wrong (static).
         given: effects that every model has, and that are not looked for (static).
+        air: levels in air, where all trials share one bias.
     """
 
     tool: Tool
@@ -86,6 +88,7 @@ class Problem(eqx.Module):
     trust: Array | None = None
     given: tuple[type[AbstractEffect], ...] = eqx.field(static=True, default=())
     tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    air: Air | None = None
 
     @property
     def trials(self) -> int:
@@ -129,6 +132,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
     noise = lines.noise_std_n()
     zeroed_once = dataset.sensor.zeroed == "session"
+    air = air_levels(dataset)
     known = zeroed_once or dataset.tool.kind in LEVEL_KINDS
     angles = dataset.tool.teeth * int(
         np.ceil(
@@ -150,10 +154,11 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             _scale(trials, dataset.tool.teeth, dataset.tool.diameter_m, lines.speed_rev_s, rms)
         ),
         bias_unit_n=jnp.asarray(_BIAS_SPREAD * rms),
-        shared_bias=zeroed_once and _bias_shows(dataset.tool.kind, trials),
+        shared_bias=zeroed_once and (air is not None or _bias_shows(dataset.tool.kind, trials)),
         orders=lines.orders,
         angles=angles,
         arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
+        air=air,
     )
 
 
@@ -225,9 +230,20 @@ def out_of_range(problem: Problem, x: Array, effects: Sequence[type[AbstractEffe
     return jnp.concatenate(parts)
 
 
+def beside_the_cuts(problem: Problem, x: Array, model: ForceModel) -> Array:
+    """[...] weighted residual that holds in every set of cut trials: that of the levels in air."""
+    if problem.air is None:
+        return jnp.zeros(0)
+    return left_in_air(problem.air, model, shared_bias(problem, x), problem.weight)
+
+
 def shared_bias(problem: Problem, x: Array) -> Array:
-    """[3] bias of the session, N, in the global unknowns; zero where each trial has its own."""
-    return x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n if problem.shared_bias else jnp.zeros(3)
+    """[3] bias of the session, N, in the global unknowns; zero where each trial has its own, and in the
+    channel in which a drill has nothing."""
+    if not problem.shared_bias:
+        return jnp.zeros(3)
+    bias = x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n
+    return bias.at[0].set(0.0) if problem.tool.kind == "drill" else bias
 
 
 def _thrust_and_torque(model: ForceModel, cut: Cut) -> Array:

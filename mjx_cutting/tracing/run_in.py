@@ -65,7 +65,7 @@ def with_run_in(
     """
     if found.kind is not FlankWear or not found.heldout.nrmse < _WORTH_IT * before_heldout.nrmse:
         return found
-    running_in = (*effects[:-1], WearRunningIn)
+    running_in: Effects = (*effects[:-1], WearRunningIn)
     descent = Descent(problem, running_in)
     starts = _starts(np.asarray(found.fit.x), float(np.max(np.asarray(problem.cut.cut_length_m))))
     best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]

@@ -103,6 +103,8 @@ def _zeroed_in_air(dataset: Dataset, before_m: Array) -> Dataset:
                 return dataset
             trial = replace(trial, force_n=trial.force_n - trial.force_n[air].mean(axis=0))
             cuts += 1
+        else:
+            trial = replace(trial, force_n=trial.force_n - trial.force_n.mean(axis=0))
         trials.append(trial)
     return replace(dataset, trials=tuple(trials), sensor=replace(dataset.sensor, zeroed="session"))
 

@@ -79,6 +79,7 @@ def trace(
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     _check(dataset)
     dataset = as_levels(dataset)
+    _platform.spare_mappings()
     with _platform.x64():
         band = trusted_band(dataset, band_hz)
         dataset, on_path = steady_cuts(dataset)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.candidate import Candidate, Round
 from mjx_cutting.tracing.course import feeds_differ
-from mjx_cutting.tracing.decision import Interval
+from mjx_cutting.tracing.decision import Interval, surely
 from mjx_cutting.tracing.dependence import Dependence
 from mjx_cutting.tracing.heldout import HeldOut
 from mjx_cutting.tracing.levels import LEVEL_KINDS
@@ -31,6 +31,8 @@ TIED = 2.0
 _TELLING = 5.0
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
+_MUCH = 0.01
+_NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 _WIDER = "trials over a wider range of speed and feed"
 
 
@@ -143,7 +145,7 @@ def _word(
     left: list[Dependence],
 ) -> str:
     if not named:
-        return "unexplained" if base.nrmse > least and shown else "nothing missing"
+        return "unexplained" if shown else "nothing missing"
     if tied:
         return "ambiguous"
     return "partly explained" if end.nrmse > least or left else "explained"
@@ -152,10 +154,13 @@ def _word(
 def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least: float) -> bool:
     """Whether something is missing: the residual depends on something, or is clearly more than noise.
 
-    Levels, of which a trial has one, scatter more than the noise within a trial.
+    Levels, of which a trial has one, scatter more than the noise within a trial. Where that noise had to be
+    read beside the lines, all that is not periodic counts as noise; no noise follows the path or the session.
     """
     clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
-    return found.base.nrmse > clearly * least or any(each.found for each in before)
+    shown = [each for each in before if each.found]
+    follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
+    return found.base.nrmse > clearly * least or (found.base.nrmse > least and bool(shown)) or follows
 
 
 def reached(floor: float, tolerance: float) -> float:
@@ -222,9 +227,9 @@ def _tie(each: Round, dataset: Dataset, lines: Lines, found: Search) -> dict[str
     for other in each.candidates:
         if other is each.accepted or not (other.decision.accepted or other.decision.untold):
             continue
-        gap = other.heldout.error_n2.sum(axis=1) - best.error_n2.sum(axis=1)
-        error = np.std(gap, ddof=1) * np.sqrt(len(gap)) if len(gap) > 2 else 0.0
-        if gap.sum() <= TIED * error:
+        second, first = (each.error_n2.sum(axis=1) for each in (other.heldout, best))
+        gap = second - first
+        if max(surely(gap), surely(gap / np.maximum(second + first, 1e-300))) <= TIED:
             first = np.ravel(best.error_n2 - each.before.error_n2)
             second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
             cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300)
