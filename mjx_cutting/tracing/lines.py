@@ -23,7 +23,10 @@ Array = NDArray[np.floating]
 _RIDGE = 1e-9
 _TOOTH_HARMONICS = 6
 _MOST_ORDERS = 160
-_SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128)
+_SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192)
+_UNFILTERED_HARMONICS = 48
+_MOST_UNFILTERED = 256
+_SAMPLES_PER_ORDER = 8
 _INAUDIBLE = 100.0
 _BESIDE = 1.5
 PIECE = ", piece "
@@ -182,13 +185,21 @@ def basis(angle_rad: Array, orders: int) -> Array:
 
 
 def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s: float) -> int:
-    """Highest order that falls, or folds, into the band and passes the known anti-alias filter."""
-    sensor = dataset.sensor
+    """Highest order that falls, or folds, into the band and passes the known anti-alias filter.
+
+    Without a filter all of them fold, and what a tooth does at entry and exit falls off slowly: as many are
+    taken then as the records can tell apart.
+    """
+    sensor, most = dataset.sensor, _MOST_ORDERS
     wanted = max(_TOOTH_HARMONICS * dataset.tool.teeth, int(band_hz[1] / slowest_rev_s))
-    if sensor.anti_alias is not None:
+    if sensor.anti_alias is None:
+        shortest = min(len(trial.time_s) for trial in dataset.trials if trial.kind == "cut")
+        most = max(most, min(_MOST_UNFILTERED, shortest // _SAMPLES_PER_ORDER))
+        wanted = max(wanted, min(_UNFILTERED_HARMONICS * dataset.tool.teeth, most))
+    else:
         audible_hz = sensor.anti_alias.hz * _INAUDIBLE ** (1.0 / sensor.anti_alias.order)
         wanted = max(wanted, int(audible_hz / slowest_rev_s))
-    order = np.arange(1, min(wanted, _MOST_ORDERS) + 1)
+    order = np.arange(1, min(wanted, most) + 1)
     frequency = order * slowest_rev_s
     heard = _folded(frequency, sensor.sample_rate_hz) <= band_hz[1] + _BESIDE * slowest_rev_s
     if sensor.anti_alias is not None:
@@ -196,7 +207,7 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
         heard &= (frequency / alias.hz) ** alias.order < _INAUDIBLE
     highest = int(order[heard].max(initial=1))
     # in few sizes, so that what is compiled for one data set serves others
-    return next((size for size in _SIZES if size >= highest), _MOST_ORDERS)
+    return next((size for size in _SIZES if size >= highest), most)
 
 
 def _folded(frequency_hz: Array, rate_hz: float) -> Array:
