@@ -118,3 +118,12 @@ def test_versions_name_what_can_change_a_figure() -> None:
     found = _platform.versions()
     assert found["jax"] == jax.__version__
     assert found["mujoco"] == found["mujoco-mjx"] == "3.17.0"
+
+
+def test_compiled_programs_are_dropped_only_when_mappings_run_short() -> None:
+    doubled = jax.jit(lambda x: 2.0 * x)
+    doubled(1.0)
+    assert not _platform.spare_mappings(most=10**6)
+    assert doubled._cache_size() == 1
+    assert _platform.spare_mappings(most=1)
+    assert doubled._cache_size() == 0

@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.decision import Decision, Interval, chance, decide, interval
 from mjx_cutting.tracing.descent import Descent
-from mjx_cutting.tracing.fit import Effects, Fit, freedom, spread
+from mjx_cutting.tracing.fit import Effects, Fit, freedom
 from mjx_cutting.tracing.heldout import HeldOut, held_out
+from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.line_by_line import rather_by_line
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.model_error import model_errors, tolerated
+from mjx_cutting.tracing.once_a_turn import rather_unlike_teeth
 from mjx_cutting.tracing.own_gain import rather_a_factor
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.tracing.screening import Screened
@@ -87,6 +89,7 @@ def try_effect(
         why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
         why = why or rather_smeared(problem, lines, effects, found.x)
         why = why or rather_by_line(problem, effects, before.x, found.x)
+        why = why or rather_unlike_teeth(problem, lines, effects[:-1], before.x, effects, found.x)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 
@@ -95,20 +98,33 @@ def beyond_chance(
     problem: Problem, lines: Lines, fewer: Effects, before: Fit, more: Effects, after: Fit, tries: int
 ) -> float:
     """Probability that chance lowers the squared error as much as from the fit `before` of the effects
-    `fewer` to that `after` of `more`, at the best of `tries`."""
-    told_before, told = (
-        Descent(problem, effects).told(np.asarray(found.x))
-        for effects, found in ((fewer, before), (more, after))
-    )
+    `fewer` to that `after` of `more`, at the best of `tries`.
+
+    Levels of one trial that rise and fall together say one thing, not three: of them, where more is left
+    than the model may be off, as many are counted as that has independent directions.
+    """
+    descent = Descent(problem, more)
+    told_before = Descent(problem, fewer).told(np.asarray(before.x))
+    told = descent.told(np.asarray(after.x))
     left = freedom(problem, after, told)
+    if problem.tool.kind in LEVEL_KINDS and after.squares > tolerated(problem, lines) ** 2:
+        left = max(int((left + told) * _independent(descent, after.x)) - told, 1)
     return chance(
         drop=float(before.squares - after.squares),
         added=max(told - told_before, 1),
-        spread=spread(problem, after, told),
+        spread=float(np.sqrt(after.squares / left)),
         floor=tolerated(problem, lines) / np.sqrt(left),
         freedom=left,
         tries=tries,
     )
+
+
+def _independent(descent: Descent, x: ArrayLike) -> float:
+    """Independent directions of what the channels leave over the trials, as a share of the channels: by the
+    participation ratio of its covariance. Channels in which nothing is left at all do not count."""
+    left = descent.rows(np.asarray(x)[None]).left[0, : descent.measured].reshape(-1, 3)
+    size = np.linalg.svd(left[:, np.any(left != 0.0, axis=0)], compute_uv=False) ** 2
+    return float(size.sum() ** 2 / max(np.sum(size**2), 1e-300) / max(len(size), 1))
 
 
 def fitted(

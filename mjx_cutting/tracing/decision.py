@@ -33,7 +33,7 @@ _BENEATH = 0.1
 _UNMOVED = 1e-6
 _MOST_WIDENED = 3.0
 _WIDEST = 50.0
-_RISES = 0.1
+_RISES = 0.25
 _MOST_TRIALS = 0.75
 Array = NDArray[np.float64]
 
@@ -305,8 +305,8 @@ def decide(
 
 
 def _paid_by(before: HeldOut, after: HeldOut, tolerance: float) -> int | None:
-    """The axis that an effect which is not there lets go wrong, to fit another: its error rises by a tenth or
-    more in most of the trials, and altogether by more than the model may be off."""
+    """The axis that an effect which is not there lets go wrong, to fit another: its squared error rises by a
+    quarter or more, in most of the trials, and by more than the model may be off."""
     rise = after.error_n2 - before.error_n2
     whole = rise.sum(axis=0)
     most = np.mean(rise > 0.0, axis=0) >= _MOST_TRIALS

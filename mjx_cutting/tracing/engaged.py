@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.part import part_of
-from mjx_cutting.trials.dataset import Dataset, ToolInfo, Trial
+from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
 
 _AIR = 0.2
 _LEVEL = 0.85
@@ -47,13 +47,24 @@ def engaged(dataset: Dataset) -> Engaged | None:
     """The trials where their tools are in the cut; None where no record begins or ends in the air."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool)) is not None}
-    if not stays:
+    turns = {trial.file: _turns(trial, stays[trial.file].part) for trial in cuts if trial.file in stays}
+    short = {file for file, many in turns.items() if many < _LEAST_TURNS}
+    if not stays or len(cuts) - len(short) < 2:
         return None
+    left_out = tuple(
+        LeftOut(
+            file,
+            f"fully in the cut for {max(turns[file], 0.0):.0f} turns, fewer than {_LEAST_TURNS:g}",
+        )
+        for file in sorted(short)
+    )
     sensor = dataset.sensor
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
     zeroed = shown and sensor.zeroed == "trial"
     trials = []
     for trial in dataset.trials:
+        if trial.file in short:
+            continue
         if zeroed and trial.kind == "air":
             trial = replace(trial, force_n=trial.force_n - trial.force_n.mean(axis=0))
         if trial.file in stays:
@@ -63,9 +74,19 @@ def engaged(dataset: Dataset) -> Engaged | None:
             trial = part_of(trial, along_path(trial), stay.part)
         trials.append(trial)
     spans = {t.file: (float(t.time_s[0]), float(t.time_s[-1])) for t in trials if t.file in stays}
-    # a sensor zeroed before every trial is zeroed in the air, where all records show enough of it
-    sensor = replace(sensor, zeroed="session") if zeroed else sensor
-    return Engaged(replace(dataset, trials=tuple(trials), sensor=sensor), spans)
+    if zeroed:
+        # so all share a bias, of which the air says that it is none
+        sensor = replace(sensor, zeroed="session")
+        trials.append(_air(max(cuts, key=lambda trial: stays[trial.file].air), stays))
+    rest = replace(dataset, trials=tuple(trials), sensor=sensor, left_out=(*dataset.left_out, *left_out))
+    return Engaged(rest, spans)
+
+
+def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
+    """What a record shows before the cut, less its mean, as a cut in air."""
+    air = part_of(trial, along_path(trial), slice(0, stays[trial.file].air))
+    force_n = air.force_n - air.force_n.mean(axis=0)
+    return replace(air, kind="air", file=f"{trial.file}, before the cut", force_n=force_n)
 
 
 @dataclass(frozen=True)
@@ -77,7 +98,7 @@ class _Stay:
 
 
 def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
-    """Where the tool is in the cut; None where it is from the first sample to the last, or hardly ever."""
+    """Where the tool is in the cut; None where it is from the first sample to the last."""
     rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
     turn = max(round(rate_hz / trial.spindle_speed_rev_s), 1)
     size = np.sqrt(uniform_filter1d(np.sum(trial.force_n**2, axis=1), turn, mode="nearest"))
@@ -91,9 +112,14 @@ def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
     ramp = turn + round(_CLEAR * _reach_m(trial, tool) / trial.feed_speed_m_s * rate_hz)
     first = int(max(full[0] + turn, touching[0] + ramp)) if before >= least else 0
     last = int(min(full[-1] - turn, touching[-1] - ramp)) if after >= least else len(size) - 1
-    if last - first < _LEAST_TURNS * turn:
-        return None
     return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0)
+
+
+def _turns(trial: Trial, part: slice) -> float:
+    """Turns of the spindle in a part of a trial."""
+    return (
+        (part.stop - part.start) / len(trial.time_s) * float(np.ptp(trial.time_s)) * trial.spindle_speed_rev_s
+    )
 
 
 def _reach_m(trial: Trial, tool: ToolInfo) -> float:

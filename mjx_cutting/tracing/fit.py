@@ -99,9 +99,9 @@ def freedom(problem: Problem, found: Fit, told: int | None = None) -> int:
     return max(lines_measured(problem) - phases - unknowns, 1)
 
 
-def spread(problem: Problem, found: Fit, told: int | None = None) -> float:
+def spread(problem: Problem, found: Fit) -> float:
     """Root mean square of the weighted residual per degree of freedom: 1 where the weights are right."""
-    return float(np.sqrt(found.squares / freedom(problem, found, told)))
+    return float(np.sqrt(found.squares / freedom(problem, found)))
 
 
 def lines_measured(problem: Problem) -> int:

@@ -105,16 +105,63 @@ def search_slow(
             tried.append(_try(kind, trials, before, weight, free, len(open_), tolerance, in_range))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
+        if accepted is None:
+            layers = next((kind for kind in open_ if kind.several and kind.name in _IN_POSITION), None)
+            stack = (
+                []
+                if layers is None
+                else _stack(layers, trials, before, weight, free, len(open_), tolerance, in_range)
+            )
+            for each in stack:
+                others = (other for other in tried if other.kind is not each.kind)
+                rounds.append(SlowRound(before, (each, *others), each))
+                before, trials = each.heldout, _without(trials, each)
+            if stack:
+                continue
         rounds.append(SlowRound(before, tuple(tried), accepted))
         if accepted is None:
             break
-        before = accepted.heldout
-        trials = [
-            replace(each, left_n=each.left_n - added)
-            for each, added in zip(trials, accepted.added_n, strict=True)
-        ]
+        before, trials = accepted.heldout, _without(trials, accepted)
         open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
     return tuple(rounds)
+
+
+def _without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
+    """The trials less what was found."""
+    return [
+        replace(each, left_n=each.left_n - added) for each, added in zip(trials, found.added_n, strict=True)
+    ]
+
+
+def _stack(
+    kind: Kind,
+    trials: Sequence[Course],
+    before: HeldOut,
+    weight: Array,
+    free: float,
+    tries: int,
+    tolerance: float,
+    in_range: bool,
+) -> list[SlowCandidate]:
+    """Several of a kind that together do all that force free in position could, though the first alone does
+    not: a sheet of several layers. Empty where they do not: steps come near to anything, if not quite."""
+    found: list[SlowCandidate] = []
+    explained = 0.0
+    while len(found) < MOST_SLOW - 1:
+        one = _try(kind, trials, before, weight, 0.0, tries, tolerance, in_range)
+        if not one.decision.accepted:
+            return []
+        found.append(one)
+        explained += _explained(before, one.heldout, weight)
+        if explained >= free:
+            return found
+        before, trials = one.heldout, _without(trials, one)
+    return []
+
+
+def _explained(before: HeldOut, after: HeldOut, weight: Array) -> float:
+    """Fall of the weighted squared error on held-out trials."""
+    return float(np.sum((before.error_n2 - after.error_n2) * weight**2))
 
 
 def _try(
@@ -164,7 +211,7 @@ def _try(
         more = _unsure_force(kind, trials, shapes[best], c, weight)
         parameters = _intervals(kind, effect, by_fold, error_of_it / accounted + more)
         decision = replace(decision, parameters=parameters)
-    explained = float(np.sum((before.error_n2 - after.error_n2) * weight**2))
+    explained = _explained(before, after, weight)
     if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
         ratio = free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"

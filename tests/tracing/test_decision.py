@@ -246,3 +246,24 @@ def test_the_best_of_several_useless_candidates_is_rarely_thought_no_chance(unli
         tries = [_heldout((size * (1.0 + draw.normal(0.0, 0.05, 9))).tolist()) for _ in range(6)]
         called += min(chance_over_trials(before, each, 6) for each in tries) < CHANCE
     assert called <= most * times
+
+
+def _by_axis(error: list[list[float]]) -> HeldOut:
+    return HeldOut(np.asarray(error), np.full((len(error), 3), 1.0), None, np.arange(len(error)))
+
+
+@pytest.mark.parametrize(("x_after", "refused"), [(0.014, True), (0.0105, False)])
+def test_an_axis_that_is_predicted_worse_pays_for_what_is_not_there(x_after, refused):
+    before = _by_axis([[0.01, 0.01, 0.3]] * 4)
+    after = _by_axis([[x_after, 0.01, 0.02]] * 4)
+    found = decide(RadialRunout, before, after, 1e-9, RUNOUT)
+    assert found.accepted is not refused
+    assert any("predicts x worse" in why for why in found.reasons) is refused
+
+
+def test_a_hum_of_one_energy_is_no_chance_whatever_else_the_trials_leave():
+    left = np.array([0.2, 0.02, 0.9, 0.05, 0.4])
+    found = chance_over_trials(_heldout(list(left)), _heldout(list(left - 0.005)), tries=4)
+    assert found < 1e-6
+    scattered = left - 0.005 * np.array([1.0, -2.0, 3.0, -1.0, 4.0])
+    assert chance_over_trials(_heldout(list(left)), _heldout(list(scattered)), tries=4) > CHANCE

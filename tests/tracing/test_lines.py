@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,10 @@ def test_default_band_is_the_filters_corner(saw, mill):
 def test_a_band_that_cannot_be_is_refused(mill, band):
     with pytest.raises(ValueError, match="half the sampling rate"):
         trusted_band(mill(), band)
+
+
+def test_without_a_filter_lines_are_followed_as_far_as_the_record_tells_them_apart(saw):
+    made = saw()
+    bare = replace(made, sensor=replace(made.sensor, anti_alias=None))
+    samples = len(made.trials[0].time_s)
+    assert compress(made, (0.0, 200.0)).orders < compress(bare, (0.0, 250.0)).orders <= samples / 8

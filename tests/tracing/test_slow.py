@@ -234,3 +234,18 @@ def test_a_share_is_known_no_better_than_the_force_that_it_is_of(scatter):
     else:
         assert more > 1.2
         assert 0.0 < low < 0.5 * 0.3 and high > 2.0 * 0.3
+
+
+def test_layers_beside_each_other_are_all_found():
+    def gain(place, trial):
+        return np.where(place < 0.012, 0.0, np.where(place < 0.02, -0.3, 0.25 * (place < 0.026)))
+
+    named, _ = _named(gain)
+    layers = [each.effect.values() for each in named]
+    assert [each.kind.name for each in named] == ["layered_material"] * len(named) and len(named) >= 2
+    found = sorted(
+        (float(each["start_m"]), float(each["length_m"]), float(each["change"])) for each in layers[:2]
+    )
+    np.testing.assert_allclose(found[0][:2], [0.012, 0.008], atol=3e-4)
+    np.testing.assert_allclose(found[1][0], 0.02, atol=3e-4)
+    assert found[0][2] < -0.2 and found[1][2] > 0.15

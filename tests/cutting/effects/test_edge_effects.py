@@ -72,6 +72,19 @@ def test_ploughing_acts_at_low_feed_and_levels_off():
     assert surplus(1e-4) == pytest.approx(surplus(1e-5), rel=1e-9)
 
 
+def test_ploughing_may_be_stiffer_in_one_direction_than_in_another():
+    ratio = np.array([2.0, 6.0, 1.0])
+    ploughing = effect_class("ploughing")(4e-6, ratio)
+    peak = slot(2e-6, 1, angle_rad=np.pi / 2)
+    with_, without = (np.asarray(force_of(m, peak)) for m in (model(1, ploughing), model(1)))
+    # at a right angle to the feed the tangential force is all of y, the radial one all of x
+    chip = np.array(
+        [np.asarray(force_of(m, slot(c, 1, angle_rad=np.pi / 2))) for c in (2e-6, 4e-6) for m in (model(1),)]
+    )
+    of_chip = chip[1] - chip[0]
+    np.testing.assert_allclose(with_ - without, of_chip * (ratio[[1, 0, 2]] - 1.0), atol=1e-9)
+
+
 def test_wear_grows_with_cut_length_and_not_with_the_clock():
     wear = effect_class("flank_wear")(np.array([1e9, 2e9, 5e8]), 1e-6)
 

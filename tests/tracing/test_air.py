@@ -1,0 +1,64 @@
+"""Levels in air tie the bias of a sensor that was zeroed once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjx_cutting import _platform
+from mjx_cutting.tracing.air import air_levels
+from mjx_cutting.tracing.fit import fit_base
+from mjx_cutting.tracing.levels import as_levels
+from mjx_cutting.tracing.problem import shared_bias
+from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
+
+RATE_HZ, SAMPLES, BIAS_N = 200.0, 400, 25.0
+
+
+def _drilled(air: bool, zeroed="session") -> Dataset:
+    """Four holes of one diameter at four feeds, thrust 25 N too high all through the session."""
+    generator, trials = np.random.default_rng(1), []
+    for index, feed in enumerate((5e-5, 1e-4, 2e-4, 3e-4, 2e-4)):
+        kind = "air" if index == 4 else "cut"
+        thrust = 0.0 if kind == "air" else 2 * 3e-3 * (1.5e9 * feed / 2 + 2e4)
+        torque = 0.0 if kind == "air" else 2 * 3e-3 * (2e9 * feed / 2 + 1e4) * 1.5e-3
+        force = np.full((SAMPLES, 3), np.nan)
+        force[:, 2] = thrust + BIAS_N + generator.normal(0.0, 0.2, SAMPLES)
+        trials.append(
+            Trial(
+                file=f"t{index}.csv",
+                kind=kind,
+                milling=None,
+                spindle_speed_rev_s=20.0,
+                feed_speed_m_s=feed * 20.0,
+                radial_depth_m=3e-3,
+                axial_width_m=3e-3,
+                time_s=np.arange(SAMPLES) / RATE_HZ,
+                force_n=force,
+                torque_nm=torque + generator.normal(0.0, 0.001, SAMPLES),
+            )
+        )
+    tool, sensor = ToolInfo("drill", 2, 6e-3), Sensor(RATE_HZ, (0.2, 0.001), zeroed=zeroed)
+    kept = tuple(trial for trial in trials if air or trial.kind == "cut")
+    return as_levels(Dataset(name="holes", tool=tool, sensor=sensor, trials=kept))
+
+
+@pytest.mark.parametrize(("air", "edge_n_m"), [(True, 2e4), (False, 2e4 + BIAS_N / 6e-3)])
+def test_with_a_cut_in_air_the_bias_is_not_taken_for_the_force_of_the_edge(posed, air, edge_n_m):
+    with _platform.x64():
+        _, problem = posed(_drilled(air))
+        problem, found = fit_base(problem)
+    assert abs(float(found.model.material.K_ae_n_m)) == pytest.approx(edge_n_m, rel=0.02)
+    assert problem.shared_bias is air
+    np.testing.assert_allclose(shared_bias(problem, found.x)[2], BIAS_N * air, atol=0.5)
+
+
+def test_air_says_nothing_of_a_sensor_that_is_zeroed_before_each_trial():
+    dataset = _drilled(True, zeroed="trial")
+    assert air_levels(dataset) is None and air_levels(_drilled(False)) is None
+    with _platform.x64():
+        found = air_levels(replace(dataset, sensor=replace(dataset.sensor, zeroed="session")))
+    assert found is not None
+    np.testing.assert_allclose(found.level_n[0], [0.0, 0.0, BIAS_N], atol=0.1)

@@ -1,0 +1,64 @@
+"""Records that begin and end in the air, wherever each does, are traced where the tool is in the cut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.engaged import engaged
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
+from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
+
+Times = dict[str, tuple[float, float]]
+
+
+def _in_air_at_both_ends(dataset: Dataset, feed_speed_m_s: float) -> tuple[Dataset, Times]:
+    """The trials with the tool going in and out over its radius; from when to when it is fully in."""
+    generator, trials, times = np.random.default_rng(5), [], {}
+    ramp_s = 0.5 * dataset.tool.diameter_m / feed_speed_m_s
+    for trial in dataset.trials:
+        bias, noise = generator.normal(0.0, 1.0, 3), generator.normal(0.0, 0.3, trial.force_n.shape)
+        touch, leave = generator.uniform(0.1, 0.2), trial.time_s[-1] - generator.uniform(0.1, 0.2)
+        inside = np.clip(np.minimum(trial.time_s - touch, leave - trial.time_s) / ramp_s, 0.0, 1.0)
+        force = np.where(inside[:, None] == 0.0, noise, trial.force_n * inside[:, None]) + bias
+        trials.append(replace(trial, force_n=force, feed_speed_m_s=feed_speed_m_s))
+        times[trial.file] = (touch + ramp_s, leave - ramp_s)
+    return replace(dataset, trials=tuple(trials)), times
+
+
+def test_what_is_kept_lies_where_the_arc_is_full(mill):
+    dataset, times = _in_air_at_both_ends(mill(), 0.16)
+    found = engaged(dataset)
+    assert found is not None and set(found.spans_s) == set(times)
+    for file, (low, high) in found.spans_s.items():
+        first, last = times[file]
+        assert first - 1e-3 <= low < first + 0.1 and last - 0.1 < high <= last + 1e-3
+    # the air has shown each trial's bias
+    assert found.dataset.sensor.zeroed == "session"
+
+
+def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
+    assert engaged(mill()) is None and engaged(saw()) is None
+
+
+def test_the_air_in_records_is_not_called_an_effect():
+    cuts = [
+        Conditions(speed, speed * 20 * chip, depth, 0.0016, "conventional")
+        for speed in (17.0, 19.0)
+        for chip, depth in ((4e-5, 1e-3), (7e-5, 1e-3), (5e-5, 1.5e-3), (8e-5, 1.5e-3))
+    ]
+    sheet = Sheet((6e8, 1.8e8, 6e7), (1e4, 4e3, 1e3))
+    sensor = Sensor(500.0, (0.1, 0.1, 0.2), anti_alias=AntiAlias(order=4, hz=200.0))
+    made = make_trials(
+        ToolInfo("slitting_saw", 20, 0.05), sheet, cuts, sensor, duration_s=4.0, bias_n=0.0, seed=3
+    )
+    feeds = {trial.file: trial.feed_speed_m_s for trial in made.trials}
+    quick, _ = _in_air_at_both_ends(made, 0.05)
+    true = tuple(replace(each, feed_speed_m_s=feeds[each.file]) for each in quick.trials)
+    asked = ("radial_runout", "size_effect")
+    plain, found = (trace(each, effects=asked).verdict for each in (made, replace(quick, trials=true)))
+    assert found["effects"] == [] and plain["effects"] == []
+    assert found["after"]["heldout_nrmse"] < 1.3 * plain["after"]["heldout_nrmse"]
+    assert "enters or leaves the sheet" in found["remaining"]["description"]

@@ -1,0 +1,63 @@
+"""Wear with a run-in is wear: named, and with the length that the run-in takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing import trace
+from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
+
+RATE_HZ, SAMPLES, NOISE_N = 200.0, 400, 0.5
+LENGTHS_M = (0.0, 0.5, 1.5, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0)
+FEEDS_M = (5e-5, 2e-4, 1e-4)
+
+
+def _turned(land_m, seed: int = 0) -> Dataset:
+    """Nine cuts of one turning edge of which the wear land is `land_m(length cut)`."""
+    generator, trials = np.random.default_rng(seed), []
+    width, speed = 1e-3, 15.0
+    for index, length in enumerate(LENGTHS_M):
+        feed = FEEDS_M[index % 3]
+        level = width * (np.array([0.8e9, 2e9, 0.4e9]) * feed + np.array([3e4, 3e4, 1e4]))
+        level += width * land_m(length) * np.array([8e8, 4e8, 3e8])
+        trials.append(
+            Trial(
+                file=f"t{index}.csv",
+                kind="cut",
+                milling=None,
+                spindle_speed_rev_s=speed,
+                feed_speed_m_s=feed * speed,
+                radial_depth_m=width,
+                axial_width_m=width,
+                cut_length_before_m=length,
+                time_s=np.arange(SAMPLES) / RATE_HZ,
+                force_n=level * np.array([-1.0, 1.0, -1.0]) + generator.normal(0.0, NOISE_N, (SAMPLES, 3)),
+            )
+        )
+    tool, sensor = ToolInfo("turning", 1, 0.05), Sensor(RATE_HZ, (NOISE_N,) * 3, zeroed="session")
+    return Dataset(name="turned", tool=tool, sensor=sensor, trials=tuple(trials))
+
+
+def test_a_run_in_is_found_with_its_length():
+    def land_m(length: float) -> float:
+        return 6e-5 * -np.expm1(-length / 2.0) + 3e-6 * length
+
+    verdict = trace(_turned(land_m)).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear" and verdict["verdict"] == "explained"
+    values = {name: each["value"] for name, each in wear["parameters"].items()}
+    assert values["run_in_m"] == pytest.approx(2.0, rel=0.1)
+    # only kappa times the land shows: the run-in's over that of a metre's steady wear
+    assert values["initial_m"] / values["rate"] == pytest.approx(20.0, rel=0.1)
+
+
+def test_even_wear_is_told_without_a_run_in():
+    verdict = trace(_turned(lambda length: 6e-6 * length)).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear" and wear["parameters"]["initial_m"]["value"] == 0.0
+    assert wear["parameters"]["kappa_n_m2"]["values"] == pytest.approx([6 * 4e8, 6 * 8e8, 6 * 3e8], rel=0.03)
+
+
+def test_a_sharp_edge_has_none():
+    assert trace(_turned(lambda length: 0.0)).verdict["verdict"] == "nothing missing"
