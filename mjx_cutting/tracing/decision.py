@@ -280,7 +280,7 @@ def decide(
     if not scattered and (axis := _paid_by(before, after, tolerance)) is not None:
         reasons.append(
             f"predicts {'xyz'[axis]} worse on held-out trials ({before.per_axis[axis]:.4f} to "
-            f"{after.per_axis[axis]:.4f} of its force) to have the other axes better"
+            f"{after.per_axis[axis]:.4f} of what it measures) to have the others better"
         )
     nil = {
         name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))

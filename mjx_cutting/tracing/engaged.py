@@ -54,7 +54,8 @@ def engaged(dataset: Dataset) -> Engaged | None:
     left_out = tuple(
         LeftOut(
             file,
-            f"fully in the cut for {max(turns[file], 0.0):.0f} turns, fewer than {_LEAST_TURNS:g}",
+            f"got {max(turns[file], 0.0):.0f} turns of the spindle with the tool fully in the cut, expected "
+            f"{_LEAST_TURNS:g} or more; cut further before the record ends.",
         )
         for file in sorted(short)
     )
