@@ -11,9 +11,10 @@ are in `shapes`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -219,8 +220,8 @@ def _mains_effect(shape: Array, c: Array) -> AbstractEffect:
 
 
 def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> str:
-    """A line that stays put while the spindle changes its speed is of the mains; one that stands at a
-    multiple of the spindle in most trials may be the spindle's as well."""
+    """A line that stays put while the spindle changes its speed is of the mains; one that stands at a multiple
+    of the spindle in most trials may be the spindle's as well, unless the others show it as large."""
     line_hz = float(effect.values()["frequency_hz"])
     apart = []
     for course in courses:
@@ -229,12 +230,23 @@ def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> 
         turns = float(np.ptp(course.angle_rad)) / (2.0 * np.pi)
         order = line_hz * float(np.ptp(course.time_s)) / turns
         apart.append(abs(order - np.round(order)) * turns > _RESOLVED)
-    if 2 * sum(apart) > len(apart):
+    if 2 * sum(apart) > len(apart) or _as_large_in(compress(courses, apart), effect):
         return ""
     return (
         f"{line_hz:.2f} Hz is a multiple of the spindle's frequency in {len(apart) - sum(apart)} of "
         f"{len(apart)} trials: what stands there may be the spindle's as well; cut at another speed"
     )
+
+
+def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
+    """Whether a few trials or more by themselves show a line of the mains as large as all together do."""
+    line_hz, whole = (np.asarray(effect.values()[name]) for name in ("frequency_hz", "amplitude_n"))
+    shares = []
+    for course in courses:
+        wave = np.exp(-2j * np.pi * line_hz * course.time_s)
+        own = 2.0 / len(wave) * np.abs(wave @ (course.left_n - course.left_n.mean(axis=0)))
+        shares.append(float(own @ whole / max(float(whole @ whole), 1e-300)))
+    return len(shares) >= _FEWEST_APART and abs(float(np.median(shares)) - 1.0) < _AS_LARGE
 
 
 def _stairs(courses: Sequence[Course]) -> Array:
@@ -264,6 +276,8 @@ _FEWEST_WAVES = 2.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.03
 _RESOLVED = 1.5
+_FEWEST_APART = 3
+_AS_LARGE = 0.25
 BY_PLACE = ("material_periodicity", "layered_material")
 """Slow effects of the sheet, bound to places on it."""
 KINDS: tuple[Kind, ...] = (
