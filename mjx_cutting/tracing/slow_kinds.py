@@ -220,8 +220,8 @@ def _mains_effect(shape: Array, c: Array) -> AbstractEffect:
 
 
 def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> str:
-    """A line that stays put while the spindle changes its speed is of the mains; one that stands at a multiple
-    of the spindle in most trials may be the spindle's as well, unless the others show it as large."""
+    """A line that stays put while the spindle changes its speed is of the mains; one that stands at a
+    multiple of the spindle in most trials may be the spindle's, unless the others show it as large."""
     line_hz = float(effect.values()["frequency_hz"])
     apart = []
     for course in courses:
