@@ -183,6 +183,8 @@ def _lacking(tracing: Tracing) -> list[Proposal]:
 def _floor_source(tracing: Tracing) -> str:
     if _has_air(tracing):
         return "The noise floor is taken from the air cuts."
+    if tracing.dataset.tool.kind == "drill":
+        return "There is no air cut: the noise floor is what is alike at all frequencies of a hole."
     if tracing.dataset.sensor.noise_std_n is not None:
         return "The noise floor is the sensor's stated noise, within the band."
     return (

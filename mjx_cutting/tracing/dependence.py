@@ -21,7 +21,7 @@ from scipy import stats
 
 from mjx_cutting.tracing.course import along_path
 from mjx_cutting.tracing.decision import TOLERANCE
-from mjx_cutting.tracing.lines import basis
+from mjx_cutting.tracing.lines import basis, order_of_columns
 from mjx_cutting.tracing.prediction import Prediction
 from mjx_cutting.trials.dataset import Dataset
 
@@ -125,7 +125,7 @@ def _split(prediction: Prediction, orders: int) -> _Split:
 
 def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float) -> list[Dependence]:
     """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between."""
-    order = np.repeat(np.arange(1, orders + 1), 2)
+    order = order_of_columns(orders)[1:]
     passing = (order % teeth) == 0
     energy, line, count = np.zeros(2), np.zeros(2), np.zeros(2)
     whole, freedom = 0.0, 0.0

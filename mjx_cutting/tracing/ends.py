@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, order_lines
 from mjx_cutting.tracing.course import Course
@@ -115,15 +115,22 @@ def _share(course: Course, where: NDArray[np.bool_]) -> float | None:
     return float(np.sum(whole * course.left_n[where])) / energy if energy > 0.0 else None
 
 
+def way_in_m(radial_depth_m: ArrayLike, diameter_m: float) -> NDArray[np.floating]:
+    """[...] way from a tool's first touch of a sheet until its arc is full, m."""
+    radius = 0.5 * diameter_m
+    depth = np.clip(radial_depth_m, 1e-9, radius)
+    return np.asarray(np.sqrt(depth * (2.0 * radius - depth)))
+
+
 class Ramps:
     """Force missing at the ends of a sheet, in every trial."""
 
     def __init__(self, lines: Lines, problem: Problem, model: ForceModel):
         self.lines, self.problem, self.model = lines, problem, model
         self._latest: tuple[Course, NDArray[np.complexfloating]] | None = None
-        radius = 0.5 * float(np.asarray(model.tool.diameter_m))
-        depth = np.clip(np.asarray(problem.cut.radial_depth_m), 1e-9, radius)
-        self.reach_m = np.sqrt(depth * (2.0 * radius - depth))
+        self.reach_m = way_in_m(
+            np.asarray(problem.cut.radial_depth_m), float(np.asarray(model.tool.diameter_m))
+        )
         self.longest_m = float(self.reach_m.max())
 
     @cached_property

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.tracing.course import along_path
+from mjx_cutting.tracing.ends import way_in_m
 from mjx_cutting.tracing.part import part_of
 from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
 
@@ -110,7 +111,8 @@ def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
     before, after = int(touching[0]), len(size) - 1 - int(touching[-1])
     if max(before, after) < least:
         return None
-    ramp = turn + round(_CLEAR * _reach_m(trial, tool) / trial.feed_speed_m_s * rate_hz)
+    way_m = float(way_in_m(trial.radial_depth_m, tool.diameter_m))
+    ramp = turn + round(_CLEAR * way_m / trial.feed_speed_m_s * rate_hz)
     first = int(max(full[0] + turn, touching[0] + ramp)) if before >= least else 0
     last = int(min(full[-1] - turn, touching[-1] - ramp)) if after >= least else len(size) - 1
     return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0)
@@ -121,9 +123,3 @@ def _turns(trial: Trial, part: slice) -> float:
     return (
         (part.stop - part.start) / len(trial.time_s) * float(np.ptp(trial.time_s)) * trial.spindle_speed_rev_s
     )
-
-
-def _reach_m(trial: Trial, tool: ToolInfo) -> float:
-    """Way from the first touch of the sheet until the arc is full, m."""
-    radius, depth = 0.5 * tool.diameter_m, trial.radial_depth_m
-    return radius if depth >= radius else float(np.sqrt(depth * (2.0 * radius - depth)))

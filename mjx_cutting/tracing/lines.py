@@ -184,6 +184,11 @@ def basis(angle_rad: Array, orders: int) -> Array:
     return columns.T
 
 
+def order_of_columns(orders: int) -> NDArray[np.int64]:
+    """[2 orders + 1] order of each column of `basis`."""
+    return np.concatenate([[0], np.repeat(np.arange(1, orders + 1), 2)])
+
+
 def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s: float) -> int:
     """Highest order that falls, or folds, into the band and passes the known anti-alias filter.
 
@@ -220,7 +225,7 @@ def _one(
 ) -> tuple[Array, Array, Array, Array, Array, int]:
     record = band_limit(trial.force_n, rate_hz, band_hz)
     columns = basis(spindle_angle(trial, speed), orders)
-    order = np.concatenate([[0], np.repeat(np.arange(1, orders + 1), 2)])
+    order = order_of_columns(orders)
     folded = _folded(order * speed, rate_hz)
     beside = _BESIDE * speed
     present = ((folded >= band_hz[0] - beside) & (folded <= band_hz[1] + beside)).astype(float)

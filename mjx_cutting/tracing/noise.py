@@ -19,7 +19,10 @@ Array = NDArray[np.floating]
 
 def noise_floor(dataset: Dataset, lines: Lines) -> float:
     """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines;
-    for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies."""
+    for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies.
+
+    Of a drill that is so whatever is stated: thrust and torque have no common noise.
+    """
     rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
     force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
     air = [trial for trial in dataset.trials if trial.kind == "air"]

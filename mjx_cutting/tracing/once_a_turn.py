@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects
 from mjx_cutting.tracing.levels import LEVEL_KINDS
-from mjx_cutting.tracing.lines import Lines
+from mjx_cutting.tracing.lines import Lines, order_of_columns
 from mjx_cutting.tracing.problem import Problem
 
 _ITS_WORK = 0.5
@@ -32,8 +32,7 @@ def rather_unlike_teeth(
     teeth = problem.tool.teeth
     if problem.tool.kind in LEVEL_KINDS or teeth < 2:
         return None
-    order = np.concatenate([[0], np.repeat(np.arange(1, problem.orders + 1), 2)])
-    once = order % teeth != 0
+    once = order_of_columns(problem.orders) % teeth != 0
     old, new = (_squares(problem, *each) for each in ((before, x_before), (after, x_after)))
     noise = (lines.noise_std_n() * np.asarray(problem.weights)) ** 2
     quiet = float(np.sum(noise[:, None] * np.asarray(problem.present)[:, once, None]))
