@@ -45,7 +45,8 @@ Array = NDArray[np.floating]
 @dataclass(frozen=True, eq=False)
 class SlowCandidate:
     """A slow effect tried: as fitted, its held-out error, the decision; what it adds to each trial, N, beside
-    a steady model fitted without it (`added_n`), and by itself (`whole_n`)."""
+    a steady model fitted without it (`added_n`), and by itself (`whole_n`); `short_of_free` where all that
+    refuses it is that force free in position does better."""
 
     kind: type[AbstractEffect]
     effect: AbstractEffect
@@ -53,6 +54,7 @@ class SlowCandidate:
     decision: Decision
     added_n: tuple[Array, ...]
     whole_n: tuple[Array, ...] = ()
+    short_of_free: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +108,13 @@ def search_slow(
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
         if accepted is None:
-            layers = next((kind for kind in open_ if kind.several and kind.name in _IN_POSITION), None)
-            stack = (
-                []
-                if layers is None
-                else _stack(layers, trials, before, weight, free, len(open_), tolerance, in_range)
-            )
+            short = [each.kind for each in tried if each.short_of_free]
+            layers = [kind for kind in open_ if kind.several and kind.effect in short]
+            stack = [
+                each
+                for kind in layers[:1]
+                for each in _stack(kind, trials, before, weight, free, len(open_), tolerance, in_range)
+            ]
             for each in stack:
                 others = (other for other in tried if other.kind is not each.kind)
                 rounds.append(SlowRound(before, (each, *others), each))
@@ -212,7 +215,8 @@ def _try(
         parameters = _intervals(kind, effect, by_fold, error_of_it / accounted + more)
         decision = replace(decision, parameters=parameters)
     explained = _explained(before, after, weight)
-    if decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free:
+    short = decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free
+    if short:
         ratio = free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
         decision = replace(decision, accepted=False, reasons=(why,))
@@ -224,7 +228,7 @@ def _try(
         columns = kind.columns(course, shapes[best])
         added.append(course.own(columns) @ one)
         whole.append(columns @ one)
-    return SlowCandidate(kind.effect, effect, after, decision, tuple(added), tuple(whole))
+    return SlowCandidate(kind.effect, effect, after, decision, tuple(added), tuple(whole), short)
 
 
 def _fit(kind: Kind, found: Sums, use: Array, weight: Array) -> tuple[int, Array]:
