@@ -14,14 +14,15 @@ from mjx_cutting.tracing.decision import Decision, Interval, chance, decide, int
 from mjx_cutting.tracing.descent import Descent
 from mjx_cutting.tracing.fit import Effects, Fit, freedom
 from mjx_cutting.tracing.heldout import HeldOut, held_out
+from mjx_cutting.tracing.level_with_speed import rather_with_speed
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.line_by_line import rather_by_line
 from mjx_cutting.tracing.lines import Lines
 from mjx_cutting.tracing.model_error import model_errors, tolerated
-from mjx_cutting.tracing.once_a_turn import rather_unlike_teeth
 from mjx_cutting.tracing.own_gain import rather_a_factor
 from mjx_cutting.tracing.problem import Problem
 from mjx_cutting.tracing.screening import Screened
+from mjx_cutting.tracing.share_of_lines import rather_unlike
 from mjx_cutting.tracing.smeared import rather_smeared
 
 _STEPS = 20
@@ -89,7 +90,8 @@ def try_effect(
         why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
         why = why or rather_smeared(problem, lines, effects, found.x)
         why = why or rather_by_line(problem, effects, before.x, found.x)
-        why = why or rather_unlike_teeth(problem, lines, effects[:-1], before.x, effects, found.x)
+        why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
+        why = why or rather_with_speed(problem, effects, found)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 

@@ -233,12 +233,15 @@ def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
 
 
 def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Dependence]:
-    """Size of each trial's residual, and the factor by which its force is off, against the trial's
+    """Size of each trial's residual, its level, and the factor by which its force is off, against the trial's
     conditions; what all trials share goes with none."""
     trials = {trial.file: trial for trial in dataset.trials}
     size = np.array([float(np.mean(each.residual_n**2)) for each in predictions])
     varies = 1.0 - float(size.min()) / max(float(size.mean()), 1e-300)
     factor, factored = _factors(predictions)
+    levels = np.stack([each.residual_n.mean(axis=0) for each in predictions])
+    levelled = [len(each.time_s) * level**2 for each, level in zip(predictions, levels, strict=True)]
+    on_axis = np.sum(levelled, axis=0) / max(sum(float(np.sum(p.residual_n**2)) for p in predictions), 1e-300)
     covariates = {
         "feed": [trials[p.file].feed_speed_m_s for p in predictions],
         "spindle speed": [trials[p.file].spindle_speed_rev_s for p in predictions],
@@ -250,7 +253,10 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Depende
     for name, values in covariates.items():
         if len(set(values)) < 3 or len(size) < 4 or np.ptp(size) == 0.0:
             continue
-        tests = [_ranked(np.asarray(values), size, varies), _straight(np.asarray(values), factor, factored)]
+        at = np.asarray(values)
+        tests = [_ranked(at, size, varies), _straight(at, factor, factored)]
+        by_axis = [_straight(at, *axis) for axis in zip(levels.T, on_axis, strict=True)]
+        tests.append((len(by_axis) * min(by_axis)[0], sum(share for _, share in by_axis)))
         p_value, share = min(tests)
         results.append(_entry(name, min(1.0, len(tests) * p_value), share))
     feed, speed = (stats.rankdata(covariates[name]) for name in ("feed", "spindle speed"))
@@ -269,7 +275,7 @@ def _ranked(values: Array, figure: Array, energy: float) -> tuple[float, float]:
 
 
 def _straight(values: Array, factor: Array, energy: float) -> tuple[float, float]:
-    """The same for a factor, straight over the ranks of the condition."""
+    """The same for a factor or a level, straight over the ranks of the condition."""
     if np.ptp(factor) == 0.0:
         return 1.0, 0.0
     found = stats.pearsonr(stats.rankdata(values), factor)

@@ -4,7 +4,8 @@ A steady model fitted to records that hold an effect along the trial has taken p
 lowers the constants), or does not see a steady effect beneath it. So what was found is taken out of the
 records, the steady search made again on the rest, and that along the trial beside its outcome; only then are
 its parameters held against their physical ranges. Where much is left, trials are cut in pieces along the path
-for effects whose response changes along it (`pieces`).
+for effects whose response changes along it (`pieces`). Steady effects that take next to nothing of what is
+missing are dropped in the end (`lesser_part`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from mjx_cutting.tracing.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.ends import NAME as ENDS
 from mjx_cutting.tracing.ends import entry_exit
 from mjx_cutting.tracing.heldout import HeldOut, folds
+from mjx_cutting.tracing.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.levels import LEVEL_KINDS
 from mjx_cutting.tracing.lines import Lines, band_limit, compress
 from mjx_cutting.tracing.noise import noise_floor
@@ -153,7 +155,20 @@ def once(
     found = _freed(first, steady, searches)
     if not all(each.decision.physical for each in found.along):
         found = searches.along(alone, alone.search.final)
-    return _by_position(found, steady, replace(searches, posed=pose))
+    found = _by_position(found, steady, replace(searches, posed=pose))
+    why = _rather_the_rest(found)
+    if why is None:
+        return found
+    bare = once(dataset, band_hz, kinds, (), seed, progress, posed)
+    return replace(bare, search=replace(bare.search, rounds=(refused(found.search.rounds[0], why),)))
+
+
+def _rather_the_rest(found: Pass) -> str | None:
+    """Why the steady effects found are refused, by all that is missing; None where they are not. Levels
+    scatter from trial to trial by more than the noise within one, and there is no telling of what part."""
+    if not found.search.effects or found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
+        return None
+    return rather_the_rest(found.search.base, found.final, noise_floor(found.dataset, found.lines))
 
 
 def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:

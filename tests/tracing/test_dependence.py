@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from mjx_cutting.tracing.dependence import dependences
 from mjx_cutting.tracing.prediction import Prediction
@@ -64,6 +65,15 @@ def test_white_noise_depends_on_nothing(dataset):
 )  # fmt: skip
 def test_each_covariate_is_told(dataset, covariate, added):
     assert covariate in _found(dataset, added)
+
+
+def test_a_level_that_goes_with_the_feed_is_told(dataset):
+    place = stats.rankdata([trial.feed_speed_m_s for trial in dataset.trials])
+
+    def level(time, angle, index):
+        return np.ones((len(time), 1)) * np.array([0.0, 0.4, -1.0]) * (place[index] - 3.5)
+
+    assert "feed" in _found(dataset, level)
 
 
 def test_a_tie_between_axes_is_told(dataset):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from benchmarks.study import make
 from mjx_cutting.cutting.effects import RadialRunout
 from mjx_cutting.tracing import trace
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo
@@ -39,3 +41,11 @@ def test_a_dull_sector_is_not_called_runout():
 def test_runout_is():
     verdict = trace(_cut(Hidden(runout_m=6e-6)), effects=("radial_runout",)).verdict
     assert [each["name"] for each in verdict["effects"]] == [RadialRunout.name]
+
+
+@pytest.mark.slow
+def test_what_takes_a_third_of_tooth_passing_and_leaves_the_rest_is_not_named():
+    """A sensor with hysteresis bends the force under a tooth a little as a compliant arm does."""
+    found = trace(make("mill", {"hysteresis": "medium"}, 403).dataset, effects=("static_compliance",))
+    assert found.verdict["effects"] == []
+    assert "tooth passing and leaves the rest" in found.search.rounds[0].candidates[0].decision.reasons[0]
