@@ -17,6 +17,10 @@ LINES_AT_MOST = 400
 
 _SIMULATION = {"cutting", "disturbance", "sim"}
 _LEARNT = {*_SIMULATION, "learning", "evaluation"}
+_TRACED = {"cutting", "trials"}
+_ROOMS_OF_TRACING = ("records", "fitting", "guards", "naming", "along", "telling")
+"""Each imports only those before it; `trace` and what stands beside it, all of them; the report, `trace`."""
+_TRACING = {"tracing", *(f"tracing.{room}" for room in (*_ROOMS_OF_TRACING, "report"))}
 _DEPLOY = {"deploy", "deploy.protocol", "deploy.virtual_cell", "deploy.export"}
 
 # What each room may import of ours, besides itself and the base. A new room needs a line here.
@@ -24,7 +28,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "base": set(),
     "cutting": set(),
     "trials": {"cutting"},
-    "tracing": {"cutting", "trials"},
+    **{
+        f"tracing.{room}": {*_TRACED, *(f"tracing.{each}" for each in _ROOMS_OF_TRACING[:index])}
+        for index, room in enumerate(_ROOMS_OF_TRACING)
+    },
+    "tracing": {*_TRACED, *_TRACING},
+    "tracing.report": {*_TRACED, *_TRACING},
     "disturbance": set(),
     "sim": {"cutting", "disturbance"},
     "learning": _SIMULATION,
@@ -33,8 +42,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "deploy.protocol": set(),
     "deploy.virtual_cell": {"deploy.protocol"},
     "deploy": {"trials", "deploy.protocol"},
-    "loop": {*_LEARNT, "trials", "tracing", *_DEPLOY},
-    "cli": {*_LEARNT, "trials", "tracing", *_DEPLOY, "loop"},
+    "loop": {*_LEARNT, "trials", *_TRACING, *_DEPLOY},
+    "cli": {*_LEARNT, "trials", *_TRACING, *_DEPLOY, "loop"},
     "front": {"cli"},
 }
 BASE = {"_platform", "_files", "_report", "runs"}
@@ -43,7 +52,7 @@ FORBIDDEN = {
     "base": {"mujoco", "brax"},
     "cutting": {"mujoco", "brax"},
     "trials": {"mujoco", "brax"},
-    "tracing": {"mujoco", "brax"},
+    **{room: {"mujoco", "brax"} for room in _TRACING},
     "disturbance": {"mujoco", "brax"},
     "deploy.protocol": {"jax", "numpy", "mujoco"},
     "deploy.virtual_cell": {"jax", "jaxlib", "flax", "equinox", "brax"},
@@ -103,6 +112,8 @@ def room_of(module: str) -> str | None:
         if third.startswith("export"):
             return "deploy.export"
         return f"deploy.{third}" if third in ("protocol", "virtual_cell") else "deploy"
+    if ".".join(parts[1:3]) in _TRACING:
+        return ".".join(parts[1:3])
     return parts[1]
 
 
@@ -178,6 +189,8 @@ def test_imports_run_one_way() -> None:
         ("mjx_cutting.deploy.virtual_cell.saw", "from mjx_cutting.deploy import safety", "must not"),
         ("mjx_cutting.deploy.protocol", "from mjx_cutting.deploy import safety", "must not"),
         ("mjx_cutting.learning.bc", "from experiments import adapt", "nothing in the package does"),
+        ("mjx_cutting.tracing.records.lines", "from mjx_cutting.tracing.fitting import fit", "must not"),
+        ("mjx_cutting.tracing.guards.smeared", "from mjx_cutting.tracing import trace", "must not"),
         ("mjx_cutting.newroom.file", "import numpy", "no line in MAY_IMPORT"),
     ],
 )
@@ -189,8 +202,8 @@ def test_a_breach_is_found(module: str, source: str, told: str) -> None:
     ("module", "source"),
     [
         (
-            "mjx_cutting.tracing.search",
-            "from ..cutting import ForceModel\nfrom . import verdict\nimport optimistix",
+            "mjx_cutting.tracing.naming.search",
+            "from ...cutting import ForceModel\nfrom ..fitting import fit\nimport optimistix",
         ),
         ("mjx_cutting.deploy.export", "from mjx_cutting.learning.policy import Policy\nimport jax"),
         (

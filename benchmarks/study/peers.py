@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.tracing.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 from .generator import Case

@@ -14,10 +14,10 @@ from mjx_cutting.evaluation import figures as drawn
 from mjx_cutting.evaluation import metrics
 from mjx_cutting.evaluation.statistics import welch
 from mjx_cutting.learning.progress import read_lines
-from mjx_cutting.tracing import wording
-from mjx_cutting.tracing.figures.revolution import revolution_figure
-from mjx_cutting.tracing.figures.spectrum import spectrum_figure
-from mjx_cutting.tracing.figures.trials import trials_figure
+from mjx_cutting.tracing.report import wording
+from mjx_cutting.tracing.report.figures.revolution import revolution_figure
+from mjx_cutting.tracing.report.figures.spectrum import spectrum_figure
+from mjx_cutting.tracing.report.figures.trials import trials_figure
 
 if TYPE_CHECKING:
     from mjx_cutting.loop.demo import Outcome

@@ -28,7 +28,7 @@ from mjx_cutting.cutting import ForceModel
 from mjx_cutting.disturbance import DisturbanceGP, fit
 from mjx_cutting.disturbance.artefact import plain
 from mjx_cutting.tracing import predict_trials
-from mjx_cutting.tracing.lines import trusted_band
+from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.trials.align import Alignment, align, align_measured, align_trials
 from mjx_cutting.trials.dataset import Dataset
 

@@ -1,6 +1,6 @@
 """From measured trials to the physical effect a force model lacks, and the error before and after."""
 
-from mjx_cutting.tracing.prediction import Prediction, predict_trials
+from mjx_cutting.tracing.fitting.prediction import Prediction, predict_trials
 from mjx_cutting.tracing.trace import Tracing, save, trace
 
 __all__ = ["Prediction", "Tracing", "predict_trials", "save", "trace"]

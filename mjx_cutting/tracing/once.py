@@ -19,23 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
-from mjx_cutting.tracing.believed_speeds import lines_as_it_turned
-from mjx_cutting.tracing.ends import NAME as ENDS
-from mjx_cutting.tracing.ends import entry_exit
-from mjx_cutting.tracing.heldout import HeldOut, folds
-from mjx_cutting.tracing.lesser_part import rather_the_rest, refused
-from mjx_cutting.tracing.levels import LEVEL_KINDS
-from mjx_cutting.tracing.lines import Lines, band_limit, compress
-from mjx_cutting.tracing.noise import noise_floor
-from mjx_cutting.tracing.pieces import in_pieces, of_whole_trials
-from mjx_cutting.tracing.prediction import Prediction, grows, predictions
-from mjx_cutting.tracing.problem import Problem, pose, shared_bias
-from mjx_cutting.tracing.screening import screen
-from mjx_cutting.tracing.search import Search, search
-from mjx_cutting.tracing.slow import SlowCandidate, SlowRound, search_slow
-from mjx_cutting.tracing.slow_kinds import KINDS
-from mjx_cutting.tracing.verdict import final, reached
-from mjx_cutting.tracing.waves import courses
+from mjx_cutting.tracing.along.ends import NAME as ENDS
+from mjx_cutting.tracing.along.ends import entry_exit
+from mjx_cutting.tracing.along.pieces import in_pieces, of_whole_trials
+from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound, search_slow
+from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.waves import courses
+from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
+from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
+from mjx_cutting.tracing.fitting.prediction import Prediction, grows, predictions
+from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
+from mjx_cutting.tracing.fitting.screening import screen
+from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
+from mjx_cutting.tracing.naming.search import Search, search
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines, band_limit, compress
+from mjx_cutting.tracing.records.noise import noise_floor
+from mjx_cutting.tracing.telling.verdict import final, reached
 from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.002

@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.course import Course, along_path, felt_at
-from mjx_cutting.tracing.decision import chance_over_trials, decide, interval
-from mjx_cutting.tracing.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry
-from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.line_gain import filter_delay_s
-from mjx_cutting.tracing.lines import Lines, band_limit
+from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry
+from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.prediction import wave
+from mjx_cutting.tracing.naming.decision import chance_over_trials, decide, interval
 from mjx_cutting.tracing.once import Pass
-from mjx_cutting.tracing.part import part_of
-from mjx_cutting.tracing.prediction import wave
-from mjx_cutting.tracing.slow import SlowCandidate, SlowRound
-from mjx_cutting.tracing.spindle import spindle_angle
+from mjx_cutting.tracing.records.course import Course, along_path, felt_at
+from mjx_cutting.tracing.records.line_gain import filter_delay_s
+from mjx_cutting.tracing.records.lines import Lines, band_limit
+from mjx_cutting.tracing.records.part import part_of
+from mjx_cutting.tracing.records.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
 _LEAST_TURNS = 20

@@ -14,24 +14,24 @@ from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
-from mjx_cutting.tracing.above_band import Above, above_band
-from mjx_cutting.tracing.axes import Reading, better_reading
-from mjx_cutting.tracing.decision import gain_over_trials
-from mjx_cutting.tracing.dependence import Dependence, dependences
-from mjx_cutting.tracing.droop import NAME as DROOP
-from mjx_cutting.tracing.droop import find_droop
-from mjx_cutting.tracing.engaged import Engaged, engaged
-from mjx_cutting.tracing.evidence import evidence
-from mjx_cutting.tracing.isolability import isolability
-from mjx_cutting.tracing.levels import LEVEL_KINDS, as_levels
-from mjx_cutting.tracing.lines import trusted_band
-from mjx_cutting.tracing.measured_path import pose_on_path, steady_cuts
+from mjx_cutting.tracing.along.droop import NAME as DROOP
+from mjx_cutting.tracing.along.droop import find_droop
+from mjx_cutting.tracing.along.engaged import Engaged, engaged
+from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
+from mjx_cutting.tracing.along.selfexcited import find_vibration
+from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
+from mjx_cutting.tracing.naming.decision import gain_over_trials
 from mjx_cutting.tracing.once import Pass, for_use, near_floor, once
-from mjx_cutting.tracing.selfexcited import NAME as VIBRATION
-from mjx_cutting.tracing.selfexcited import find_vibration
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
+from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.sheet import inside_the_sheet
-from mjx_cutting.tracing.unnamed import Unnamed, unnamed_gain
-from mjx_cutting.tracing.verdict import TIED, testable, verdict
+from mjx_cutting.tracing.telling.above_band import Above, above_band
+from mjx_cutting.tracing.telling.axes import Reading, better_reading
+from mjx_cutting.tracing.telling.dependence import Dependence, dependences
+from mjx_cutting.tracing.telling.evidence import evidence
+from mjx_cutting.tracing.telling.isolability import isolability
+from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
+from mjx_cutting.tracing.telling.verdict import TIED, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
 
@@ -200,7 +200,7 @@ def _with_droop(found: Pass) -> Pass:
 
 def save(tracing: Tracing, out: Path) -> None:
     """Write verdict.json, model.json, report.html and isolability.json into the folder `out`."""
-    from mjx_cutting.tracing.report import render
+    from mjx_cutting.tracing.report.page import render
 
     page = render(tracing)
     out.mkdir(parents=True, exist_ok=True)

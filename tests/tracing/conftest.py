@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mjx_cutting.tracing.lines import Lines, compress, trusted_band
-from mjx_cutting.tracing.problem import Problem, pose
+from mjx_cutting.tracing.fitting.problem import Problem, pose
+from mjx_cutting.tracing.records.lines import Lines, compress, trusted_band
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.above_band import above_band
-from mjx_cutting.tracing.lines import trusted_band
+from mjx_cutting.tracing.records.lines import trusted_band
+from mjx_cutting.tracing.telling.above_band import above_band
 
 BAND_HZ = (0.0, 400.0)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mjx_cutting import _platform
-from mjx_cutting.tracing.air import air_levels
-from mjx_cutting.tracing.fit import fit_base
-from mjx_cutting.tracing.levels import as_levels
-from mjx_cutting.tracing.problem import shared_bias
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.problem import shared_bias
+from mjx_cutting.tracing.records.air import air_levels
+from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SAMPLES, BIAS_N = 200.0, 400, 25.0

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mjx_cutting import _platform
-from mjx_cutting.tracing.axes import better_reading
-from mjx_cutting.tracing.fit import fit_base
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.records.lines import compress, trusted_band
+from mjx_cutting.tracing.telling.axes import better_reading
 from mjx_cutting.trials.dataset import columns_to_process
 from mjx_cutting.trials.synthetic import Hidden
 

@@ -17,7 +17,8 @@ from mjx_cutting.cutting.effects import (
     StaticCompliance,
     UnequalPitch,
 )
-from mjx_cutting.tracing.decision import (
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.naming.decision import (
     CHANCE,
     Interval,
     chance,
@@ -26,7 +27,6 @@ from mjx_cutting.tracing.decision import (
     gain_over_trials,
     interval,
 )
-from mjx_cutting.tracing.heldout import HeldOut
 
 
 def _heldout(error: list[float]) -> HeldOut:

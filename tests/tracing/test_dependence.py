@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mjx_cutting.tracing.dependence import dependences
-from mjx_cutting.tracing.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.telling.dependence import dependences
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import predict_trials, trace
-from mjx_cutting.tracing.believed_speeds import lines_as_it_turned
-from mjx_cutting.tracing.droop import CHANCE, _law
+from mjx_cutting.tracing.along.droop import CHANCE, _law
+from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 
 STATED = np.array([40.0, 40.0, 52.0, 52.0, 66.0, 66.0, 40.0, 52.0])
 TORQUE = np.array([1.0, 3.0, 1.2, 2.5, 0.9, 2.0, 4.5, 4.0])

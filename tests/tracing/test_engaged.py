@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.engaged import engaged
+from mjx_cutting.tracing.along.engaged import engaged
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
 

@@ -7,12 +7,12 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.candidate import Round, fitted, try_effect
-from mjx_cutting.tracing.exchange import reconsider
-from mjx_cutting.tracing.fit import base_starts, effect_starts, fit, reweighted
-from mjx_cutting.tracing.heldout import folds
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.fitting.fit import base_starts, effect_starts, fit, reweighted
+from mjx_cutting.tracing.fitting.heldout import folds
+from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.naming.candidate import Round, fitted, try_effect
+from mjx_cutting.tracing.naming.exchange import reconsider
+from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.synthetic import Hidden
 
 RUNOUT, PITCH, SIZE = map(effect_class, ("radial_runout", "unequal_pitch", "size_effect"))

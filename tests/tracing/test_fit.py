@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting.effects import RadialRunout
-from mjx_cutting.tracing.fit import base_starts, effect_starts, fit, freedom, reweighted, spread
-from mjx_cutting.tracing.heldout import folds, held_out
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import model_lines, out_of_range, pose
-from mjx_cutting.tracing.residual import residual_of_lines
+from mjx_cutting.tracing.fitting.fit import base_starts, effect_starts, fit, freedom, reweighted, spread
+from mjx_cutting.tracing.fitting.heldout import folds, held_out
+from mjx_cutting.tracing.fitting.problem import model_lines, out_of_range, pose
+from mjx_cutting.tracing.fitting.residual import residual_of_lines
+from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.synthetic import Hidden
 
 
@@ -43,7 +43,7 @@ def test_what_is_left_is_the_noise(clean):
 
 
 def test_error_by_lines_equals_error_by_samples(clean):
-    from mjx_cutting.tracing.prediction import predictions
+    from mjx_cutting.tracing.fitting.prediction import predictions
 
     dataset, lines, problem, found = clean
     by_samples = [np.sum(p.residual_n**2) for p in predictions(dataset, lines, problem, found.model)]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.isolability import isolability
+from mjx_cutting.tracing.telling.isolability import isolability
 
 
 def _search(*rows):

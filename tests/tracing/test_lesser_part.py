@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.lesser_part import rather_the_rest
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.naming.lesser_part import rather_the_rest
 
 
 def _heldout(nrmse: float) -> HeldOut:

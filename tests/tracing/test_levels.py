@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.course import along_path
-from mjx_cutting.tracing.levels import as_levels
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.trials import resolve
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 

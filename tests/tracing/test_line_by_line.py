@@ -9,11 +9,11 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.candidate import fitted
-from mjx_cutting.tracing.descent import Descent
-from mjx_cutting.tracing.fit import effect_starts, fit_base
-from mjx_cutting.tracing.heldout import folds
-from mjx_cutting.tracing.line_by_line import rather_by_line
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
+from mjx_cutting.tracing.fitting.heldout import folds
+from mjx_cutting.tracing.guards.line_by_line import rather_by_line
+from mjx_cutting.tracing.naming.candidate import fitted
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 

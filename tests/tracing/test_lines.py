@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.lines import band_limit, basis, compress, trusted_band
+from mjx_cutting.tracing.records.lines import band_limit, basis, compress, trusted_band
 
 
 def test_energy_is_lines_plus_rest(mill):

@@ -9,9 +9,9 @@ import pytest
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, order_lines
 from mjx_cutting.cutting.centre_motion import CentreMotion
 from mjx_cutting.cutting.effects.radial_runout import RadialRunout
-from mjx_cutting.tracing.line_gain import line_gain
-from mjx_cutting.tracing.lines import compress
-from mjx_cutting.tracing.measured_path import measured_motion, pose_on_path, steady_cuts
+from mjx_cutting.tracing.fitting.measured_path import measured_motion, pose_on_path, steady_cuts
+from mjx_cutting.tracing.records.line_gain import line_gain
+from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.tracing.trace import trace
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
 

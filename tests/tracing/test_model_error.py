@@ -7,13 +7,13 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.candidate import fitted
-from mjx_cutting.tracing.descent import Descent
-from mjx_cutting.tracing.fit import base_starts, effect_starts, fit
-from mjx_cutting.tracing.heldout import folds
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.model_error import model_errors, tolerated
-from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import base_starts, effect_starts, fit
+from mjx_cutting.tracing.fitting.heldout import folds
+from mjx_cutting.tracing.fitting.model_error import model_errors, tolerated
+from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.naming.candidate import fitted
+from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.synthetic import Hidden
 
 RUNOUT = effect_class("radial_runout")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.noise import power_between_lines, white_power
+from mjx_cutting.tracing.records.noise import power_between_lines, white_power
 
 RATE_HZ = 250.0
 

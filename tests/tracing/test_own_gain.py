@@ -9,10 +9,10 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.candidate import fitted
-from mjx_cutting.tracing.fit import effect_starts, fit_base
-from mjx_cutting.tracing.heldout import folds
-from mjx_cutting.tracing.own_gain import rather_a_factor
+from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
+from mjx_cutting.tracing.fitting.heldout import folds
+from mjx_cutting.tracing.guards.own_gain import rather_a_factor
+from mjx_cutting.tracing.naming.candidate import fitted
 from mjx_cutting.trials.synthetic import Hidden
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mjx_cutting import _platform
-from mjx_cutting.tracing.course import along_path
-from mjx_cutting.tracing.fit import fit_base
-from mjx_cutting.tracing.heldout import folds, held_out
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.pieces import in_pieces
-from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.along.pieces import in_pieces
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.heldout import folds, held_out
+from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.lines import compress, trusted_band
 
 
 @pytest.fixture(scope="module")

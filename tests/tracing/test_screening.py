@@ -7,10 +7,10 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.fit import base_starts, fit, reweighted
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import pose
-from mjx_cutting.tracing.screening import screen
+from mjx_cutting.tracing.fitting.fit import base_starts, fit, reweighted
+from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.fitting.screening import screen
+from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.synthetic import Hidden
 
 KINDS = [effect_class(name) for name in ("radial_runout", "unequal_pitch", "size_effect", "side_friction")]

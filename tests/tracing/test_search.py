@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.search import _accepted
+from mjx_cutting.tracing.naming.search import _accepted
 
 
 def _candidate(gain: float, accepted: bool, scattered: bool = False) -> SimpleNamespace:

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.prediction import Prediction
-from mjx_cutting.tracing.selfexcited import find_vibration
+from mjx_cutting.tracing.along.selfexcited import find_vibration
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.prediction import Prediction
 
 TEETH, RATE_HZ, SECONDS, NOISE_N = 4, 2000.0, 1.0, 0.5
 SPEEDS = (40.0, 40.3, 52.1, 52.4, 66.0, 66.3)

@@ -7,10 +7,10 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, effect_class
-from mjx_cutting.tracing.fit import base_starts, fit
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import pose, shared_bias
-from mjx_cutting.tracing.separation import separations
+from mjx_cutting.tracing.fitting.fit import base_starts, fit
+from mjx_cutting.tracing.fitting.problem import pose, shared_bias
+from mjx_cutting.tracing.records.lines import compress, trusted_band
+from mjx_cutting.tracing.telling.separation import separations
 
 
 @pytest.fixture(scope="module")

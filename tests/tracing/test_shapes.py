@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.course import Course
-from mjx_cutting.tracing.shapes import sums
-from mjx_cutting.tracing.slow_kinds import KINDS
+from mjx_cutting.tracing.along.shapes import sums
+from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.records.course import Course
 
 SUMMED_FASTER = [kind for kind in KINDS if kind.sums is not None]
 

@@ -11,11 +11,11 @@ import pytest
 from benchmarks.study import make
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, effect_class
-from mjx_cutting.tracing.course import Course, along_path
-from mjx_cutting.tracing.ends import Ramps, entry_exit
-from mjx_cutting.tracing.fit import fit_base
-from mjx_cutting.tracing.lines import compress, trusted_band
-from mjx_cutting.tracing.problem import pose
+from mjx_cutting.tracing.along.ends import Ramps, entry_exit
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.records.course import Course, along_path
+from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.tracing.sheet import _zeroed_in_air
 from mjx_cutting.tracing.trace import trace
 

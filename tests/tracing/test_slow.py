@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from mjx_cutting.tracing.course import Course, along_path, felt_at
-from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.line_gain import filter_delay_s
-from mjx_cutting.tracing.slow import _reach_of_the_model, search_slow
-from mjx_cutting.tracing.slow_kinds import KINDS
+from mjx_cutting.tracing.along.slow import _reach_of_the_model, search_slow
+from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.records.course import Course, along_path, felt_at
+from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, Trial
 
 RATE_HZ, SECONDS, TRIALS = 500.0, 4.0, 6

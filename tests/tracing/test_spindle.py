@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.spindle import loaded_speeds, spindle_angle, spindle_speed, spindle_speeds
+from mjx_cutting.tracing.records.spindle import loaded_speeds, spindle_angle, spindle_speed, spindle_speeds
 from mjx_cutting.trials.dataset import ToolInfo, Trial
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from mjx_cutting.cutting import ForceModel, Material, Tool
 from mjx_cutting.cutting.effects import FlankWear
-from mjx_cutting.tracing.prediction import predictions
-from mjx_cutting.tracing.waves import courses
+from mjx_cutting.tracing.along.waves import courses
+from mjx_cutting.tracing.fitting.prediction import predictions
 
 CHIP, EDGE = (8e8, 2.4e8, 1.2e8), (2e4, 1.6e4, 4e3)
 WEAR = FlankWear(np.array([3e8, 6e8, 2e8]), rate=1e-3)

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting import ForceModel, Material, Tool, effect_class
-from mjx_cutting.tracing.candidate import Candidate, Round
-from mjx_cutting.tracing.decision import Decision, Interval
-from mjx_cutting.tracing.dependence import Dependence
-from mjx_cutting.tracing.fit import Fit
-from mjx_cutting.tracing.heldout import HeldOut
-from mjx_cutting.tracing.lines import compress
-from mjx_cutting.tracing.prediction import Prediction
-from mjx_cutting.tracing.problem import TOLERANCE
-from mjx_cutting.tracing.search import Search
+from mjx_cutting.tracing.fitting.fit import Fit
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.fitting.problem import TOLERANCE
+from mjx_cutting.tracing.naming.candidate import Candidate, Round
+from mjx_cutting.tracing.naming.decision import Decision, Interval
+from mjx_cutting.tracing.naming.search import Search
+from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.tracing.telling.dependence import Dependence
+from mjx_cutting.tracing.telling.verdict import verdict
 from mjx_cutting.tracing.trace import Tracing
-from mjx_cutting.tracing.verdict import verdict
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SPEED_REV_S, SECONDS = 2000.0, 25.0, 0.5

@@ -15,9 +15,9 @@ import pytest
 
 from mjx_cutting._report.page import Picture
 from mjx_cutting._report.style import figure_to_png
-from mjx_cutting.tracing import report, wording
-from mjx_cutting.tracing.figures import trials_figure
-from mjx_cutting.tracing.report import render
+from mjx_cutting.tracing.report import page, wording
+from mjx_cutting.tracing.report.figures import trials_figure
+from mjx_cutting.tracing.report.page import render
 from mjx_cutting.tracing.trace import Tracing
 from mjx_cutting.trials.dataset import LeftOut
 
@@ -95,7 +95,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves the drawing out where only words are looked at."""
     names = ("revolution", "spectrum", "trials", "telling", "isolability", "intervals")
     drawn = {name: Picture(b"drawn", name) for name in names}
-    monkeypatch.setattr(report, "_pictures", lambda tracing: drawn)
+    monkeypatch.setattr(page, "_pictures", lambda tracing: drawn)
 
 
 @pytest.mark.usefixtures("quick")

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing import advice, wording
-from mjx_cutting.tracing.figures import revolution, spectrum, subject, telling, trials
-from mjx_cutting.tracing.parameters import estimates
+from mjx_cutting.tracing.report import advice, wording
+from mjx_cutting.tracing.report.figures import revolution, spectrum, subject, telling, trials
+from mjx_cutting.tracing.report.parameters import estimates
 from mjx_cutting.tracing.trace import Tracing
 
 Make = Callable[..., Tracing]

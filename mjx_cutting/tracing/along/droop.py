@@ -1,0 +1,130 @@
+"""Spindle droop, named from the speeds: how much each trial's spindle lost against the torque of the cut.
+
+The lines of a record stand where the loaded spindle turned (`spindle`), so no fit to lines can show what
+slowed it. What names droop is the law of the losses, stated - found = d T - e stated, with T the mean torque
+under the fitted model and e one relative error of all stated speeds: a straight line through the trials.
+
+Held-out error: a speed may be up to 1 % off the stated one and is then fitted on the trial itself. "Before"
+is the base model fitted and scored with every speed within that reach of the stated one, "after" with every
+speed within that reach of what droop and e, fitted without the trial, say it is under load. Where no trial is
+slower than that reach, droop cannot lower the error and is not named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.cutting import ForceModel, effect_class
+from mjx_cutting.cutting.average import mean_load
+from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
+from mjx_cutting.tracing.fitting.prediction import Prediction, loaded_about, predictions
+from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
+from mjx_cutting.tracing.naming.decision import decide, interval
+from mjx_cutting.tracing.naming.search import Search
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines, compress
+from mjx_cutting.tracing.records.spindle import SPREAD, stated_speed
+from mjx_cutting.trials.dataset import Dataset
+
+NAME = "spindle_droop"
+CHANCE = 1e-3
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Droop:
+    """Droop tried: its round, the base model's error and predictions at speeds near the stated ones, and what
+    speaks for it."""
+
+    round: SlowRound
+    base: HeldOut
+    before: tuple[Prediction, ...]
+    evidence: tuple[str, ...]
+
+
+def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
+    """Droop beside what the search over lines found (call it in float64); None where no spindle is slow."""
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    stated = np.array([stated_speed(trial) for trial in trials])
+    known = any(trial.spindle_angle_rad is not None for trial in trials)
+    slow = lines.speed_rev_s < (1.0 - SPREAD) * stated
+    if dataset.tool.kind in LEVEL_KINDS or known or len(trials) < 4 or not slow.any():
+        return None
+    kind = effect_class(NAME)
+    loss = stated - lines.speed_rev_s
+    torque = _torque(found.problem, found.final_fit.model)
+    value, _, error, p_chance = _law(loss, torque, stated)
+    assert found.final.fits is not None
+    fold, laws, centres = found.final.fold, [], np.empty_like(stated)
+    for f in range(int(fold.max()) + 1):
+        model = jax.tree.map(lambda leaf, f=f: leaf[f], found.final.fits.model)
+        keep = fold != f
+        own, off, *_ = _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])
+        about = loaded_about(dataset, model.with_effects(kind(max(own, 0.0))), off)
+        laws.append(own)
+        centres[~keep] = about[~keep]
+    near = compress(dataset, lines.band_hz, about_rev_s=stated, orders=lines.orders)
+    problem, base = fit_base(pose(dataset, near))
+    before = held_out(problem, near, (), base.x, found.base.fold)
+    after = _within_reach(dataset, lines, found, centres, stated)
+    parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", value, np.array(laws), error)}
+    # the trials speak through the law of the losses, of which few may be beyond what a stated speed may err
+    rigid = _within_reach(dataset, lines, found, stated, stated)
+    decision = decide(kind, rigid, after, p_chance * 0.01 / CHANCE, parameters, over_trials=False)
+    effect = kind(float(value))
+    silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
+    candidate = SlowCandidate(kind, effect, after, decision, silent)
+    tried = SlowRound(rigid, (candidate,), candidate if decision.accepted else None)
+    shown = predictions(dataset, near, problem, base.model, shared_bias(problem, base.x))
+    return Droop(tried, before, shown, _evidence(loss / stated, torque, p_chance))
+
+
+def _torque(problem: Problem, model: ForceModel) -> Array:
+    """[R] mean torque of every trial at the speed it was cut at, N m."""
+    load = mean_load(ForceModel(problem.tool, model.material, model.effects), problem.cut)
+    return np.asarray(load.chip_torque + load.edge_torque)
+
+
+def _law(loss: Array, torque: Array, stated: Array) -> tuple[float, float, float, float]:
+    """d and e of loss / stated = d T / stated - e, the standard error of d, the chance of so steep a line."""
+    columns = np.stack([torque / stated, -np.ones_like(stated)], axis=1)
+    share = loss / stated
+    weights, *_ = np.linalg.lstsq(columns, share, rcond=None)
+    freedom = max(len(share) - 2, 1)
+    variance = float(np.sum((share - columns @ weights) ** 2)) / freedom
+    error = float(np.sqrt(max(variance * np.linalg.pinv(columns.T @ columns)[0, 0], 1e-300)))
+    return float(weights[0]), float(weights[1]), error, float(stats.t.sf(weights[0] / error, freedom))
+
+
+def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array, stated: Array) -> HeldOut:
+    """Held-out error of the final model, every speed within reach of what droop says."""
+    if np.all(np.abs(lines.speed_rev_s - centres) <= SPREAD * stated):
+        return found.final
+    near = compress(dataset, lines.band_hz, about_rev_s=centres, orders=lines.orders)
+    problem, old = pose(dataset, near), found.final
+    assert old.fits is not None
+    fits = Descent(problem, found.effects).fits(
+        np.asarray(old.fits.x), np.ones((len(old.fits.x), problem.trials))
+    )
+    error = np.asarray(fits.error_n2)[old.fold, np.arange(problem.trials)]
+    return HeldOut(error + near.rest_n2, near.energy_n2, old.fits, old.fold)
+
+
+def _evidence(share: Array, torque: Array, p_chance: float) -> tuple[str, ...]:
+    light, heavy = int(np.argmin(torque)), int(np.argmax(torque))
+    together = np.corrcoef(share, torque)[0, 1]
+    return (
+        f"the spindle turned {share[light]:.1%} slower than stated at {torque[light]:.3g} N m and "
+        f"{share[heavy]:.1%} slower at {torque[heavy]:.3g} N m; over {len(share)} trials the loss goes with "
+        f"the torque (correlation {together:.2f}, p = {p_chance:.1g} by chance)",
+        "without it, every speed was looked for within 1 % of the stated one; with it, within 1 % of what "
+        "the motor's stiffness gives under the load of the trial",
+    )

@@ -1,0 +1,199 @@
+"""Entry and exit of the sheet, looked for like the other effects along a trial.
+
+While the tool finds the sheet, or leaves it, its teeth meet material over a part of their arc only. What is
+then missing follows from the geometry: for each trial the lines of the steady cut are evaluated at a few
+depths of entry, once, and in between interpolated; the place of either end is searched over a grid. The one
+coefficient, the share of the geometry that the trials show, must come out near one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, order_lines
+from mjx_cutting.tracing.along.slow_kinds import Kind
+from mjx_cutting.tracing.fitting.problem import Problem, response, with_straight_teeth
+from mjx_cutting.tracing.records.course import Course
+from mjx_cutting.tracing.records.lines import Lines, band_limit, turns
+
+NAME = "entry_exit"
+NO_START_M, NO_END_M = -1.0, 1e3
+_KNOTS = 33
+_STARTS = 25
+_FIRST, _LAST = 0.3, 0.45
+_EDGE = 0.05
+_MISSING = 0.02
+_ERRORS = 4.0
+_LIKE_GEOMETRY = (0.4, 3.0)
+Array = NDArray[np.floating]
+
+
+def entry_exit(lines: Lines, problem: Problem, model: ForceModel) -> Kind:
+    """How the ends of the sheet are looked for beside a steady `model`; a shape is (start, end), m."""
+    ramps = Ramps(lines, problem, model)
+
+    def columns(course: Course, shape: Array) -> Array:
+        return ramps.missing(course, float(shape[0]), float(shape[1]))[..., None]
+
+    def grid(courses: Sequence[Course]) -> Array:
+        low, high = _ends(courses)
+        starts = np.linspace(low - ramps.longest_m, low + _FIRST * (high - low), _STARTS)
+        ends = np.linspace(high - _LAST * (high - low), high, _STARTS)
+        return np.array([*((start, np.inf) for start in starts), *((-np.inf, end) for end in ends)])
+
+    return Kind(
+        NAME, _missing_at_the_ends, grid, columns, effect_at, rather=_unlike_geometry, refine=_refined
+    )
+
+
+def effect_at(shape: Array, c: Array) -> AbstractEffect:
+    """The effect with the ends `shape` [2], m (infinite where there is none), and the share `c` [1]."""
+    start = float(shape[0]) if np.isfinite(shape[0]) else NO_START_M
+    length = float(shape[1]) - start if np.isfinite(shape[1]) else NO_END_M
+    return effect_class(NAME)(share=float(c[0]), start_m=start, length_m=length)
+
+
+def like_geometry(effect: AbstractEffect) -> bool:
+    """Whether about as much force is missing as where a tool enters or leaves a sheet."""
+    low, high = _LIKE_GEOMETRY
+    return low < float(effect.values()["share"]) < high
+
+
+def _unlike_geometry(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    if like_geometry(effect):
+        return ""
+    return (
+        f"{effect.values()['share']:.0%} of the force that a sheet's end takes away is missing, expected "
+        f"{_LIKE_GEOMETRY[0]:.0%} or more and {_LIKE_GEOMETRY[1]:.0%} at most: it is something else at the "
+        "ends of the path; begin and end the records where the tool cuts steadily"
+    )
+
+
+def _refined(grid: Array, here: Array, zoom: float) -> Array:
+    """Both ends moved a little; at the first time also the other end, which the grid leaves out."""
+    starts, ends = (np.unique(side[np.isfinite(side)]) for side in grid[:, :2].T)
+    steps = [float(np.diff(side[:2])[0]) / zoom for side in (starts, ends)]
+    start, end = (float(each) for each in here)
+    near = [
+        place + step * np.linspace(-1.0, 1.0, 7) if np.isfinite(place) else np.array([place])
+        for place, step in zip((start, end), steps, strict=True)
+    ]
+    found = [(a, b) for a in near[0] for b in near[1]]
+    if zoom <= 1.0:
+        found += [(start, each) for each in ends] + [(each, end) for each in starts]
+    return np.array([(a, b) for a, b in found if b > a])
+
+
+def _ends(courses: Sequence[Course]) -> tuple[float, float]:
+    return min(float(c.position_m.min()) for c in courses), max(float(c.position_m.max()) for c in courses)
+
+
+def _missing_at_the_ends(courses: Sequence[Course]) -> bool:
+    """Whether force is missing over the first or the last of the paths, in all trials that go there."""
+    low, high = _ends(courses)
+    reach = _EDGE * (high - low)
+    first = [_share(course, course.position_m < low + reach) for course in courses]
+    last = [_share(course, course.position_m > high - reach) for course in courses]
+    for side in (first, last):
+        found = np.array([each for each in side if each is not None])
+        error = float(np.std(found, ddof=1)) / np.sqrt(len(found)) if len(found) > 1 else np.inf
+        if np.isfinite(error) and np.mean(found) < -max(_MISSING, _ERRORS * error):
+            return True
+    return False
+
+
+def _share(course: Course, where: NDArray[np.bool_]) -> float | None:
+    whole = (course.chip_n + course.edge_n)[where]
+    energy = float(np.sum(whole**2))
+    return float(np.sum(whole * course.left_n[where])) / energy if energy > 0.0 else None
+
+
+def way_in_m(radial_depth_m: ArrayLike, diameter_m: float) -> NDArray[np.floating]:
+    """[...] way from a tool's first touch of a sheet until its arc is full, m."""
+    radius = 0.5 * diameter_m
+    depth = np.clip(radial_depth_m, 1e-9, radius)
+    return np.asarray(np.sqrt(depth * (2.0 * radius - depth)))
+
+
+class Ramps:
+    """Force missing at the ends of a sheet, in every trial."""
+
+    def __init__(self, lines: Lines, problem: Problem, model: ForceModel):
+        self.lines, self.problem, self.model = lines, problem, model
+        self._latest: tuple[Course, NDArray[np.complexfloating]] | None = None
+        self.reach_m = way_in_m(
+            np.asarray(problem.cut.radial_depth_m), float(np.asarray(model.tool.diameter_m))
+        )
+        self.longest_m = float(self.reach_m.max())
+
+    @cached_property
+    def entering(self) -> NDArray[np.complexfloating]:
+        """[R, K, orders + 1, 3] lines while the rim has gone in by shares of its way, most of them small."""
+        share = np.linspace(0.0, 1.0, _KNOTS) ** 2
+        return np.asarray(
+            _lines(self.problem, self.model, jnp.asarray(1.0 - share), jnp.asarray(self.reach_m))
+        )
+
+    def whole(self, trial: int) -> NDArray[np.complexfloating]:
+        """[orders + 1, 3] lines of a trial fully in the sheet."""
+        return self.entering[trial, -1]
+
+    def missing(self, course: Course, start_m: float, end_m: float) -> Array:
+        """[T, 3] what the force lacks, N: minus the whole of it outside the sheet."""
+        reach, table = self.reach_m[course.index], self.entering[course.index]
+        added = np.zeros_like(course.left_n)
+        way_in, way_out = (course.position_m - start_m) / reach, (course.position_m - end_m) / reach
+        # a tooth has left the sheet where it would already have been in one that begins there
+        in_ramp, out_ramp = np.isfinite(way_in) & (way_in < 1.0), way_out > 0.0
+        for part, way, ramp in ((table - table[-1], way_in, in_ramp), (-table, way_out, out_ramp)):
+            if ramp.any():
+                added[ramp] += self._wave(course, ramp, np.clip(way[ramp], 0.0, 1.0), part)
+        return band_limit(added, course.rate_hz, course.band_hz)
+
+    def _wave(self, course: Course, ramp: NDArray[np.bool_], way: Array, table: NDArray) -> Array:
+        """[n, 3] the table's lines at the tool's angles, between the two knots nearest each sample."""
+        turned = self._turns(course)[ramp]
+        place = np.sqrt(way) * (_KNOTS - 1)
+        knot = np.minimum(place.astype(int), _KNOTS - 2)
+        added = np.empty((len(way), 3))
+        for each in np.unique(knot):
+            inside = knot == each
+            pair = np.concatenate([table[each], table[each + 1]], axis=1)
+            wave = np.real(turned[inside] @ pair)
+            after = ((way[inside] * (_KNOTS - 1) ** 2 - each**2) / (2 * each + 1))[:, None]
+            added[inside] = (1.0 - after) * wave[:, :3] + after * wave[:, 3:]
+        return added
+
+    def _turns(self, course: Course) -> NDArray[np.complexfloating]:
+        if self._latest is None or self._latest[0] is not course:
+            heard = np.concatenate([[1.0], 2.0 * self.lines.present[course.index][1::2]])
+            self._latest = course, turns(course.angle_rad, self.lines.orders).T * heard
+        return self._latest[1]
+
+
+@eqx.filter_jit
+def _lines(problem: Problem, model: ForceModel, missing: jax.Array, reach_m: jax.Array) -> jax.Array:
+    """[R, K, orders + 1, 3] lines of every trial with shares [K] of the way [R] into the sheet still to go.
+
+    A tooth at angle th is in the sheet where sin th is at least what is missing of the way, over the radius.
+    """
+    straight = with_straight_teeth(problem, model)
+    radius = 0.5 * jnp.asarray(problem.tool.diameter_m)
+
+    def one(cut: Cut, gain: jax.Array, reach: jax.Array, missing: jax.Array) -> jax.Array:
+        inside = jnp.arcsin(jnp.clip(missing * reach / radius, 0.0, 1.0))
+        entry = jnp.maximum(jnp.asarray(cut.entry_rad), inside)
+        exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - inside), entry)
+        part = cut.replace(entry_rad=entry, exit_rad=exit_)
+        lines = order_lines(straight, part, problem.orders, problem.angles, problem.arc_rad)
+        return lines * gain[..., None]
+
+    many = jax.vmap(one, in_axes=(None, None, None, 0))
+    return jax.vmap(many, in_axes=(0, 0, 0, None))(problem.cut, response(problem, model), reach_m, missing)

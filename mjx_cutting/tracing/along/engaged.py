@@ -1,0 +1,125 @@
+"""Records that begin or end in the air, each at a place of its own: cut down to where the tool is in the cut.
+
+Where the sheet ends at one place for all trials, `sheet` finds that place and holds its ramps against
+geometry. A recorder that was started by hand, or sheets clamped anew, show the same ramps at other places in
+every trial. Lines of a whole record then mix cut and air, and nothing that is found on them can be believed.
+So if the force, over one revolution, is next to none at the beginning or the end of records, those are cut
+down to where it has reached its level and the arc, by geometry, has become full.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from mjx_cutting.tracing.along.ends import way_in_m
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.part import part_of
+from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
+
+_AIR = 0.2
+_LEVEL = 0.85
+_USUAL = 75.0
+_CLEAR = 1.1
+_FEWEST_TURNS = 3.0
+_LEAST_TURNS = 10.0
+_FEWEST_IN_AIR = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Engaged:
+    """The trials cut down. Fields: `dataset`; `spans_s` first and last time kept of every trial that was cut
+    down, by file."""
+
+    dataset: Dataset
+    spans_s: dict[str, tuple[float, float]]
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{file} {low:.2f} to {high:.2f} s" for file, (low, high) in self.spans_s.items())
+        return (
+            "the tool enters or leaves the sheet within records, at a place of its own in each; they were "
+            f"traced where it is in the cut ({told})"
+        )
+
+
+def engaged(dataset: Dataset) -> Engaged | None:
+    """The trials where their tools are in the cut; None where no record begins or ends in the air."""
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool)) is not None}
+    turns = {trial.file: _turns(trial, stays[trial.file].part) for trial in cuts if trial.file in stays}
+    short = {file for file, many in turns.items() if many < _LEAST_TURNS}
+    if not stays or len(cuts) - len(short) < 2:
+        return None
+    left_out = tuple(
+        LeftOut(
+            file,
+            f"got {max(turns[file], 0.0):.0f} turns of the spindle with the tool fully in the cut, expected "
+            f"{_LEAST_TURNS:g} or more; cut further before the record ends.",
+        )
+        for file in sorted(short)
+    )
+    sensor = dataset.sensor
+    shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
+    zeroed = shown and sensor.zeroed == "trial"
+    trials = []
+    for trial in dataset.trials:
+        if trial.file in short:
+            continue
+        if zeroed and trial.kind == "air":
+            trial = replace(trial, force_n=trial.force_n - trial.force_n.mean(axis=0))
+        if trial.file in stays:
+            stay = stays[trial.file]
+            if zeroed:
+                trial = replace(trial, force_n=trial.force_n - trial.force_n[: stay.air].mean(axis=0))
+            trial = part_of(trial, along_path(trial), stay.part)
+        trials.append(trial)
+    spans = {t.file: (float(t.time_s[0]), float(t.time_s[-1])) for t in trials if t.file in stays}
+    if zeroed:
+        # so all share a bias, of which the air says that it is none
+        sensor = replace(sensor, zeroed="session")
+        trials.append(_air(max(cuts, key=lambda trial: stays[trial.file].air), stays))
+    rest = replace(dataset, trials=tuple(trials), sensor=sensor, left_out=(*dataset.left_out, *left_out))
+    return Engaged(rest, spans)
+
+
+def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
+    """What a record shows before the cut, less its mean, as a cut in air."""
+    air = part_of(trial, along_path(trial), slice(0, stays[trial.file].air))
+    force_n = air.force_n - air.force_n.mean(axis=0)
+    return replace(air, kind="air", file=f"{trial.file}, before the cut", force_n=force_n)
+
+
+@dataclass(frozen=True)
+class _Stay:
+    """Where a tool is in the cut. Fields: `part` samples; `air` samples before the first touch."""
+
+    part: slice
+    air: int
+
+
+def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
+    """Where the tool is in the cut; None where it is from the first sample to the last."""
+    rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
+    turn = max(round(rate_hz / trial.spindle_speed_rev_s), 1)
+    size = np.sqrt(uniform_filter1d(np.sum(trial.force_n**2, axis=1), turn, mode="nearest"))
+    level = float(np.percentile(size, _USUAL))
+    touching = np.flatnonzero(size > _AIR * level)
+    full = np.flatnonzero(size > _LEVEL * level)
+    least = round(_FEWEST_TURNS * turn)
+    before, after = int(touching[0]), len(size) - 1 - int(touching[-1])
+    if max(before, after) < least:
+        return None
+    way_m = float(way_in_m(trial.radial_depth_m, tool.diameter_m))
+    ramp = turn + round(_CLEAR * way_m / trial.feed_speed_m_s * rate_hz)
+    first = int(max(full[0] + turn, touching[0] + ramp)) if before >= least else 0
+    last = int(min(full[-1] - turn, touching[-1] - ramp)) if after >= least else len(size) - 1
+    return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0)
+
+
+def _turns(trial: Trial, part: slice) -> float:
+    """Turns of the spindle in a part of a trial."""
+    return (
+        (part.stop - part.start) / len(trial.time_s) * float(np.ptp(trial.time_s)) * trial.spindle_speed_rev_s
+    )

@@ -1,0 +1,328 @@
+"""Effects that change along a trial: material that varies with position, mains, a stepped feed.
+
+What such an effect adds to the force of the best steady model is, for given shapes p (a wavelength, a place,
+a frequency), linear in a few coefficients c:
+
+    measured - predicted = X_p(t) c + noise,      X_p for instance  chip wave x cos(2 pi s / wavelength)
+
+Whatever a change of the whole trial's chip, edge or zero could imitate is first taken out of X_p. The fits
+are in `shapes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import compress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, effect_class
+from mjx_cutting.cutting.effects.layered_material import BORDER_M
+from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums, sums
+from mjx_cutting.tracing.records.course import Course, feeds_differ
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """How one slow effect is looked for.
+
+    Fields:
+        name: the effect in the library.
+        testable: whether these trials can show it.
+        grid: shapes [P, d] worth trying on these trials.
+        columns: [T, 3, k] what one shape adds for each unit coefficient.
+        sums: the sufficient statistics of many shapes, where there is a faster way than by `columns`.
+        build: the effect from a shape [d] and coefficients [k].
+        own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
+            the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
+        rather: why an effect found is more likely something else, in words; "" where it is not.
+        several: whether there may be more than one of it: a layer beside another, a harmonic of the mains.
+        refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
+    """
+
+    name: str
+    testable: Callable[[Sequence[Course]], bool]
+    grid: Callable[[Sequence[Course]], Array]
+    columns: Callable[[Course, Array], Array]
+    build: Callable[[Array, Array], AbstractEffect]
+    own_phase: bool = False
+    several: bool = False
+    rather: Callable[[Sequence[Course], AbstractEffect], str] | None = None
+    refine: Callable[[Array, Array, float], Array] | None = None
+    sums: Callable[[Sequence[Course], Array], Sums] | None = None
+
+    def sums_of(self, courses: Sequence[Course], shapes: Array) -> Sums:
+        """Sufficient statistics over the shapes [P, d] of every trial."""
+        return sums(self.columns, courses, shapes) if self.sums is None else self.sums(courses, shapes)
+
+    @property
+    def effect(self) -> type[AbstractEffect]:
+        """The effect's class."""
+        return effect_class(self.name)
+
+
+def _at_several_feeds(courses: Sequence[Course]) -> bool:
+    spans = [(float(np.ptp(each.position_m)), float(np.ptp(each.time_s))) for each in courses]
+    return feeds_differ([way / max(time, 1e-9) for way, time in spans])
+
+
+def _wavelengths(courses: Sequence[Course]) -> Array:
+    """[P, 2] wavelengths from half of the path down to 1 mm, as many as the positions tell apart; the
+    edge's share is nil at first."""
+    path = max(float(np.ptp(each.position_m)) for each in courses)
+    span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
+    samples_per_m = min(len(each.time_s) / max(float(np.ptp(each.position_m)), 1e-9) for each in courses)
+    waves = np.arange(_FEWEST_WAVES / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
+    return 1.0 / waves[:_MOST_SHAPES, None] * [1.0, 0.0]
+
+
+def _varying(course: Course, edge_share: float) -> Array:
+    """[T, 3] force of the chip and of a share of the edge, N."""
+    return course.chip_n + edge_share * course.edge_n
+
+
+def _carrier(course: Course, edge_share: float) -> Array:
+    return _varying(course, edge_share)[..., None]
+
+
+def _position(course: Course) -> Array:
+    return course.position_m
+
+
+def _periodic(course: Course, shape: Array) -> Array:
+    turn = 2.0 * np.pi * course.position_m / shape[0]
+    force = _varying(course, shape[1])
+    return np.stack([np.cos(turn)[:, None] * force, -np.sin(turn)[:, None] * force], axis=-1)
+
+
+def _periodic_sums(courses: Sequence[Course], shapes: Array) -> Sums:
+    parts, places = [], []
+    for share in np.unique(shapes[:, 1]):
+        places.append(np.flatnonzero(shapes[:, 1] == share))
+        carrier = partial(_carrier, edge_share=float(share))
+        parts.append(harmonic_sums(courses, _position, carrier, 1.0 / shapes[places[-1], 0]))
+    order = np.argsort(np.concatenate(places))
+    square, product = (
+        np.concatenate(side, axis=1)[:, order]
+        for side in zip(*((each.square, each.product) for each in parts), strict=True)
+    )
+    return Sums(square, product)
+
+
+def _periodic_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("material_periodicity")(
+        amplitude=float(np.hypot(*c)),
+        wavelength_m=float(shape[0]),
+        phase_rad=float(np.arctan2(c[1], c[0])),
+        edge_share=float(shape[1]),
+    )
+
+
+def _waves_near(shapes: Array, here: Array, zoom: float) -> Array:
+    waves = 1.0 / shapes[:, 0]
+    step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
+    near = 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)
+    return np.array([(wave, share) for share in (0.0, 1.0) for wave in near])
+
+
+def _layers(courses: Sequence[Course]) -> Array:
+    low = min(float(each.position_m.min()) for each in courses)
+    high = max(float(each.position_m.max()) for each in courses)
+    border = np.linspace(low, high, 41)
+    pairs = [
+        (a, b - a) for i, a in enumerate(border[:-1]) for b in border[i + 1 :] if b - a < 0.9 * (high - low)
+    ]
+    return np.asarray(pairs)
+
+
+def _inside(place_m: Array, start_m: Array, length_m: Array) -> Array:
+    since = place_m - start_m
+    return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / BORDER_M, 0.0, 1.0))
+
+
+def _layer(course: Course, shape: Array) -> Array:
+    inside = _inside(course.position_m, *shape)
+    return (inside[:, None] * _varying(course, 1.0))[..., None]
+
+
+def _layer_sums(courses: Sequence[Course], shapes: Array) -> Sums:
+    return profiled_sums(
+        courses,
+        _position,
+        partial(_varying, edge_share=1.0),
+        lambda place_m, shape: _inside(place_m, shape[:, :1], shape[:, 1:]),
+        shapes,
+    )
+
+
+def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
+    step = float(np.min(np.diff(np.unique(shapes[:, 0])))) / zoom if len(shapes) > 1 else 1e-3
+    shift = step * np.linspace(-1.0, 1.0, 13)
+    ends = here[0] + here[1]
+    pairs = [(here[0] + a, ends + b - here[0] - a) for a in shift for b in shift]
+    return np.asarray([pair for pair in pairs if pair[1] > 0.2 * step])
+
+
+def _layer_at_the_end(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    """A layer of less force from the very end of the paths is a tool that is not yet, or no more, engaged."""
+    change, start, length = (float(effect.values()[name]) for name in ("change", "start_m", "length_m"))
+    low = min(float(each.position_m.min()) for each in courses)
+    high = max(float(each.position_m.max()) for each in courses)
+    near = _END_SHARE * (high - low)
+    if change < 0.0 and (start < low + near or start + length > high - near) and length < 0.5 * (high - low):
+        place = "first" if start < low + near else "last"
+        return (
+            f"force is missing over the {place} {1e3 * length:.1f} mm of the path: the tool enters or leaves "
+            "the sheet there; cut the records down to where it is engaged"
+        )
+    return ""
+
+
+def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("layered_material")(
+        change=float(c[0]), start_m=float(shape[0]), length_m=float(shape[1])
+    )
+
+
+def _mains(courses: Sequence[Course]) -> Array:
+    """[P, 1] the mains and two harmonics, as far as they stray, as finely as the longest trial can tell."""
+    top, longest = courses[0].band_hz[1], max(float(each.time_s[-1]) for each in courses)
+    stray = np.arange(-_MAINS_STRAY_HZ, _MAINS_STRAY_HZ + 1e-9, min(0.125 / longest, _MAINS_STRAY_HZ))
+    lines = [(f + off) * n for f in (50.0, 60.0) for n in (1, 2, 3) for off in stray]
+    return np.asarray([[line] for line in lines if line < top])
+
+
+def _mains_columns(course: Course, shape: Array) -> Array:
+    turn = 2.0 * np.pi * shape[0] * course.time_s
+    columns = np.zeros((len(turn), 3, 6))
+    for axis in range(3):
+        columns[:, axis, axis], columns[:, axis, 3 + axis] = np.cos(turn), -np.sin(turn)
+    return columns
+
+
+def _mains_sums(courses: Sequence[Course], shapes: Array) -> Sums:
+    def each_axis(course: Course) -> Array:
+        return np.broadcast_to(np.eye(3), (len(course.time_s), 3, 3))
+
+    return harmonic_sums(courses, lambda course: course.time_s, each_axis, shapes[:, 0])
+
+
+def _mains_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("mains_pickup")(
+        amplitude_n=np.hypot(c[:3], c[3:]), phase_rad=np.arctan2(c[3:], c[:3]), frequency_hz=float(shape[0])
+    )
+
+
+def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    """A line that stays put while the spindle changes its speed is of the mains; one that stands at a
+    multiple of the spindle in most trials may be the spindle's, unless the others show it as large."""
+    line_hz = float(effect.values()["frequency_hz"])
+    apart = []
+    for course in courses:
+        if len(course.angle_rad) < 2:
+            return ""
+        turns = float(np.ptp(course.angle_rad)) / (2.0 * np.pi)
+        order = line_hz * float(np.ptp(course.time_s)) / turns
+        apart.append(abs(order - np.round(order)) * turns > _RESOLVED)
+    if 2 * sum(apart) > len(apart) or _as_large_in(compress(courses, apart), effect):
+        return ""
+    return (
+        f"{line_hz:.2f} Hz is a multiple of the spindle's frequency in {len(apart) - sum(apart)} of "
+        f"{len(apart)} trials: what stands there may be the spindle's as well; cut at another speed"
+    )
+
+
+def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
+    """Whether a few trials or more by themselves show a line of the mains as large as all together do."""
+    line_hz, whole = (np.asarray(effect.values()[name]) for name in ("frequency_hz", "amplitude_n"))
+    shares = []
+    for course in courses:
+        wave = np.exp(-2j * np.pi * line_hz * course.time_s)
+        own = 2.0 / len(wave) * np.abs(wave @ (course.left_n - course.left_n.mean(axis=0)))
+        shares.append(float(own @ whole / max(float(whole @ whole), 1e-300)))
+    return len(shares) >= _FEWEST_APART and abs(float(np.median(shares)) - 1.0) < _AS_LARGE
+
+
+def _stairs(courses: Sequence[Course]) -> Array:
+    return np.asarray([[0.01], [0.02], [0.025], [0.04], [0.05], [0.1]])
+
+
+def _stair(course: Course, shape: Array) -> Array:
+    assert course.feed_share is not None
+    period_s, time_s = float(shape[0]), course.time_s - course.delay_s
+    step = np.arange(int(course.time_s[-1] / period_s + 1e-6) + 1)
+    first = np.minimum(np.searchsorted(course.time_s, step * period_s - 1e-6), len(time_s) - 1)
+    held = course.feed_share[first]
+    # a tooth cuts what was fed since the one before it; what came before the record is as its beginning
+    earlier_s = course.delay_s + course.pitch_s
+    edges = np.concatenate([[-earlier_s], period_s * np.arange(len(step) + 1)])
+    fed = np.concatenate([[-earlier_s * held[0], 0.0], period_s * np.cumsum(held)])
+    since = np.interp(time_s, edges, fed) - np.interp(time_s - course.pitch_s, edges, fed)
+    return (since[:, None] / course.pitch_s * course.chip_n)[..., None]
+
+
+def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("command_stair")(share=float(c[0]), period_s=float(shape[0]))
+
+
+_MOST_SHAPES = 2000
+_FEWEST_WAVES = 2.0
+_MAINS_STRAY_HZ = 0.06
+_END_SHARE = 0.03
+_RESOLVED = 1.5
+_FEWEST_APART = 3
+_AS_LARGE = 0.25
+BY_PLACE = ("material_periodicity", "layered_material")
+"""Slow effects of the sheet, bound to places on it."""
+KINDS: tuple[Kind, ...] = (
+    Kind(
+        "material_periodicity",
+        _at_several_feeds,
+        _wavelengths,
+        _periodic,
+        _periodic_effect,
+        refine=_waves_near,
+        sums=_periodic_sums,
+    ),
+    Kind(
+        "layered_material",
+        _at_several_feeds,
+        _layers,
+        _layer,
+        _layer_effect,
+        several=True,
+        rather=_layer_at_the_end,
+        refine=_layers_near,
+        sums=_layer_sums,
+    ),
+    Kind(
+        "mains_pickup",
+        lambda courses: courses[0].band_hz[1] > 50.0,
+        _mains,
+        _mains_columns,
+        _mains_effect,
+        own_phase=True,
+        several=True,
+        rather=_mains_of_the_spindle,
+        sums=_mains_sums,
+    ),
+    Kind(
+        "command_stair",
+        lambda courses: all(each.feed_share is not None for each in courses),
+        _stairs,
+        _stair,
+        _stair_effect,
+    ),
+)
+"""Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
+
+
+def as_values(effect: AbstractEffect) -> dict[str, Any]:
+    """Parameter values of an effect as arrays, by name."""
+    return {name: np.asarray(value, dtype=float) for name, value in effect.values().items()}

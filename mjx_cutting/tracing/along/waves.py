@@ -1,0 +1,103 @@
+"""The force of the best steady model in every trial, split into what chip and edge have of it.
+
+Effects along a trial act on these waves, so how large one is, as a share, is known no better than they are.
+Where each trial has a bias of its own behind a slow sensor, that is ten per cent and more: the fits with a
+fold left out say how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import ForceModel, Material
+from mjx_cutting.tracing.fitting.prediction import Prediction, wave
+from mjx_cutting.tracing.fitting.problem import Problem, model_lines
+from mjx_cutting.tracing.records.course import Course, felt_at
+from mjx_cutting.tracing.records.line_gain import filter_delay_s
+from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.trials.dataset import Dataset
+
+Complex = NDArray[np.complexfloating]
+Array = NDArray[np.floating]
+
+
+def courses(
+    dataset: Dataset,
+    lines: Lines,
+    problem: Problem,
+    model: ForceModel,
+    after: Sequence[Prediction],
+    folds: ForceModel,
+) -> tuple[Course, ...]:
+    """The cut trials as slow effects see them, under the best steady model and its predictions.
+
+    `folds` is the same model fitted without each fold, leaves [F, ...].
+    """
+    chip_lines, edge_lines = _chip_and_edge(problem, model)
+    chip_share, edge_share = _by_fold(problem, folds, chip_lines, edge_lines)
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    delay_s, found = filter_delay_s(dataset.sensor), []
+    for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
+        chip_n, edge_n = (
+            wave(lines, index, each.angle_rad, of_it[index], dataset.sensor.sample_rate_hz)
+            for of_it in (chip_lines, edge_lines)
+        )
+        measured = trial.feed_speed_measured_m_s
+        found.append(
+            Course(
+                time_s=each.time_s,
+                position_m=felt_at(trial, delay_s),
+                feed_share=None if measured is None else measured / trial.feed_speed_m_s - 1.0,
+                chip_n=chip_n,
+                edge_n=edge_n,
+                left_n=each.residual_n,
+                rate_hz=dataset.sensor.sample_rate_hz,
+                band_hz=lines.band_hz,
+                index=index,
+                angle_rad=each.angle_rad,
+                delay_s=delay_s,
+                pitch_s=1.0 / (dataset.tool.teeth * each.speed_rev_s),
+                chip_by_fold=chip_share[:, index],
+                edge_by_fold=edge_share[:, index],
+            )
+        )
+    return tuple(found)
+
+
+def _chip_and_edge(problem: Problem, model: ForceModel) -> tuple[Complex, Complex]:
+    """[R, orders + 1, 3] lines of the chip's force and of the edge's, N. The edge's is what is left at no
+    resistance of the chip: so is the force on a worn land."""
+    # the inertia of what the sensor carries is of neither chip nor edge
+    own = tuple(each for each in model.effects if type(each) not in problem.given)
+    constants = model.material
+    edge = Material(0.0, constants.K_te_n_m, 0.0, constants.K_re_n_m, 0.0, constants.K_ae_n_m)
+    of_edge, whole = (
+        np.asarray(_lines(problem, ForceModel(model.tool, material, own))) for material in (edge, constants)
+    )
+    return whole - of_edge, of_edge
+
+
+def _by_fold(
+    problem: Problem, folds: ForceModel, chip_lines: Complex, edge_lines: Complex
+) -> tuple[Array, Array]:
+    """[F, R, 3] the chip's and the edge's force with each fold left out, as shares of those of all trials."""
+    count = len(np.asarray(folds.material.K_tc_n_m2))
+    shares = np.ones((2, count, problem.trials, 3))
+    for fold in range(count):
+        model = jax.tree.map(lambda leaf, fold=fold: leaf[fold], folds)
+        for side, (of_fold, of_all) in enumerate(
+            zip(_chip_and_edge(problem, model), (chip_lines, edge_lines), strict=True)
+        ):
+            energy = np.sum(np.abs(of_all) ** 2, axis=1)
+            common = np.sum((of_fold * of_all.conj()).real, axis=1)
+            shares[side, fold] = np.divide(common, energy, out=shares[side, fold], where=energy > 0.0)
+    return shares[0], shares[1]
+
+
+@jax.jit
+def _lines(problem: Problem, model: ForceModel) -> jax.Array:
+    return model_lines(problem, model)

@@ -1,0 +1,1 @@
+"""A force model fitted to the lines of all trials, and its error on those held out."""

@@ -1,0 +1,208 @@
+"""What a force model predicts for measured trials, sample by sample, with each trial's phase, speed and bias
+fitted on it.
+
+The prediction is the model's lines evaluated at the trial's spindle angle, y(t) = bias + Re(c_0 + 2 sum c_n
+exp(i n (th + phase))), within the band. It is what scores, figures and the disturbance GP (measured minus
+predicted) are made from. Where an effect changes along the path (a response by position, wear by the length
+cut), so do the lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting import _platform
+from mjx_cutting.cutting import Cut, ForceModel
+from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
+from mjx_cutting.tracing.fitting.problem import Problem, by_position, model_lines, pose
+from mjx_cutting.tracing.fitting.residual import Residual, residual_of_lines
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.levels import as_levels
+from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band, turns
+from mjx_cutting.tracing.records.spindle import spindle_angle, stated_speed
+from mjx_cutting.trials.dataset import Dataset
+
+_KNOTS = 65
+_FEW_KNOTS = 3
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One cut trial beside its prediction, both within the band.
+
+    Fields:
+        file: name of the trial.
+        time_s: [T] from the start of the record.
+        angle_rad: [T] angle of tooth 0 as fitted.
+        measured_n, predicted_n: [T, 3] force on the tool in process axes; the bias is in the prediction.
+        speed_rev_s: estimated spindle speed.
+        bias_n: [3] fitted bias.
+    """
+
+    file: str
+    time_s: Array
+    angle_rad: Array
+    measured_n: Array
+    predicted_n: Array
+    speed_rev_s: float
+    bias_n: Array
+
+    @property
+    def residual_n(self) -> Array:
+        """[T, 3] measured minus predicted, N."""
+        return self.measured_n - self.predicted_n
+
+
+def predict_trials(
+    dataset: Dataset, model: ForceModel, band_hz: tuple[float, float] | None = None
+) -> tuple[Prediction, ...]:
+    """Predictions of every cut trial of a dataset under `model`.
+
+    Arguments:
+        dataset: measured trials.
+        model: force model, from tracing or from a model.json; the tool is the data set's.
+        band_hz: band compared, Hz; default the anti-alias filter's corner or half the sampling rate.
+
+    A trial's speed is looked for within 1 % of the stated one, or of what the model's droop makes of it.
+    """
+    with _platform.x64():
+        dataset = as_levels(dataset)
+        lines = compress(dataset, trusted_band(dataset, band_hz), loaded_about(dataset, model))
+        problem = pose(dataset, lines)
+        found = predictions(dataset, lines, problem, model)
+        if not problem.shared_bias:
+            return found
+        # a sensor zeroed once a session has one bias: the mean of what is left of all trials
+        bias = np.mean([each.residual_n.mean(axis=0) for each in found], axis=0)
+        return predictions(dataset, lines, problem, model, bias)
+
+
+def predictions(
+    dataset: Dataset,
+    lines: Lines,
+    problem: Problem,
+    model: ForceModel,
+    shared_bias_n: ArrayLike = 0.0,
+    still: bool = False,
+) -> tuple[Prediction, ...]:
+    """The same from parts already made (call it in float64); the speeds are those of `lines`. `still`: with
+    one set of lines for a whole trial, as a fit has it."""
+    model, _ = _at_loaded_speed(model)
+    knots = 0 if still else _KNOTS if by_position(model) else _FEW_KNOTS if grows(model) else 0
+    places = _along_the_path(problem, model, knots) if knots else None
+    lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
+    coefficients = np.asarray(lines_n)
+    phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
+    rate_hz = dataset.sensor.sample_rate_hz
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    results = []
+    for index, trial in enumerate(trials):
+        angle = spindle_angle(trial, float(lines.speed_rev_s[index])) + phases[index]
+        if places is None:
+            force = wave(lines, index, angle, coefficients[index], rate_hz)
+        else:
+            force = _moving_wave(lines, index, angle, np.asarray(places[index]), along_path(trial), rate_hz)
+        results.append(
+            Prediction(
+                file=trial.file,
+                time_s=trial.time_s - trial.time_s[0],
+                angle_rad=angle,
+                measured_n=band_limit(trial.force_n, rate_hz, lines.band_hz),
+                predicted_n=force + biases[index],
+                speed_rev_s=float(lines.speed_rev_s[index]),
+                bias_n=biases[index],
+            )
+        )
+    return tuple(results)
+
+
+def loaded_about(dataset: Dataset, model: ForceModel, error: float = 0.0) -> Array:
+    """[R] speeds of the cut trials by the record, slowed by the model's droop where it has one, rev/s.
+
+    `error` is the relative error of the stated speeds.
+    """
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    stated = (1.0 + error) * np.array([stated_speed(trial) for trial in trials])
+    rigid, droop = _at_loaded_speed(model)
+    if droop is None:
+        return stated
+    cut = Cut.milling(
+        trials[0].milling or "slot",
+        dataset.tool.diameter_m,
+        angle_rad=0.0,
+        spindle_speed_rev_s=stated,
+        feed_speed_m_s=np.array([trial.feed_speed_m_s for trial in trials]),
+        radial_depth_m=np.array([trial.radial_depth_m for trial in trials]),
+        axial_width_m=np.array([trial.axial_width_m for trial in trials]),
+    )
+    return np.asarray(droop.loaded_speed_rev_s(cut, rigid))
+
+
+def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None]:
+    """The model for lines that stand where the loaded spindle turned, and what slowed it."""
+    droop = next((each for each in model.effects if isinstance(each, SpindleDroop)), None)
+    rest = tuple(each for each in model.effects if each is not droop)
+    return ForceModel(model.tool, model.material, rest), droop
+
+
+def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate_hz: float) -> Array:
+    """[T, 3] force of given lines [orders + 1, 3] at the tool angles [T] of a trial, within the band, N."""
+    return band_limit(np.real(_turns(lines, trial, angle_rad) @ coefficients), rate_hz, lines.band_hz)
+
+
+def _turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.complexfloating]:
+    heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
+    return turns(angle_rad, lines.orders).T * heard
+
+
+def _moving_wave(
+    lines: Lines, trial: int, angle_rad: Array, places: NDArray, place_m: Array, rate_hz: float
+) -> Array:
+    """[T, 3] the same for lines [K, orders + 1, 3] at even steps of the way `place_m` [T]."""
+    knots = len(places)
+    turns = _turns(lines, trial, angle_rad)
+    way = (place_m - place_m.min()) / max(float(np.ptp(place_m)), 1e-12) * (knots - 1)
+    lower = np.minimum(way.astype(int), knots - 2)
+    force = np.empty((len(way), 3))
+    for knot in np.unique(lower):
+        here = lower == knot
+        near, next_ = (np.real(turns[here] @ places[each]) for each in (knot, knot + 1))
+        force[here] = near + (way[here] - knot)[:, None] * (next_ - near)
+    return band_limit(force, rate_hz, lines.band_hz)
+
+
+def grows(model: ForceModel) -> bool:
+    """Whether an effect grows with the length cut, in a trial as well."""
+    return any("cut length" in effect.needs for effect in model.effects)
+
+
+@partial(jax.jit, static_argnums=2)
+def _along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array:
+    """[R, K, orders + 1, 3] lines at even steps along the path of every trial, N."""
+
+    def at(share: jax.Array) -> jax.Array:
+        away = share * problem.path_m
+        there = problem.cut.replace(
+            position_m=problem.cut.position_m + away, cut_length_m=problem.cut.cut_length_m + away
+        )
+        still = eqx.tree_at(lambda p: (p.cut, p.path_m), problem, (there, 0.0 * problem.path_m))
+        return model_lines(still, model)
+
+    return jnp.moveaxis(jax.lax.map(at, jnp.linspace(-0.5, 0.5, knots)), 0, 1)
+
+
+@jax.jit
+def _solved(
+    problem: Problem, model: ForceModel, shared_bias_n: jax.Array, places: jax.Array | None
+) -> tuple[jax.Array, Residual]:
+    """Lines, or their mean over the path, and what they leave."""
+    lines = model_lines(problem, model) if places is None else jnp.mean(places, axis=1)
+    return lines, residual_of_lines(problem, lines, shared_bias_n)

@@ -1,0 +1,330 @@
+"""The fitting problem: measured lines of all trials, the conditions they were measured under, the lines of a
+force model beside them.
+
+Global unknowns x are six mechanistic constants, a shared bias where the sensor was zeroed once a session,
+and the coordinates of the effects; what each trial leaves unknown beside them is solved inside (`residual`).
+So the outer problem is small, smooth, and the choice among phases that differ by whole teeth is made anew at
+every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
+from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
+from mjx_cutting.cutting.effects.helix_lag import HelixLag
+from mjx_cutting.tracing.records.air import Air, air_levels, left_in_air
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.line_gain import helix_gain, line_gain
+from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+TOLERANCE = 0.003
+"""Share of the force by which two calculations of it may differ."""
+CONSTANTS = 6
+_IN_PLANE = (0, 1, 3, 4)
+_ANGLES_PER_TOOTH = 24
+_FEWEST_ANGLES = 128
+_ANGLES_PER_ORDER = 12
+_BIAS_SPREAD = 0.3
+_MODEL_ERROR = 0.02
+_PLACES = 6
+_ARC_STEP = np.pi / 8.0
+_TRIALS_STEP = 4
+_WIDTHS_APART = 1.1
+
+
+class Problem(eqx.Module):
+    """Everything a fit reads, as arrays over R trials.
+
+    Fields:
+        tool: the cutter; its teeth are computed as straight ones (see `model_lines`).
+        cut: conditions, every field [R].
+        path_m: [R] length of the path that the record covers, about `cut.position_m`.
+        whitened, factor, present: see `Lines`.
+        gain: [R, orders + 1] complex response at each order of the known anti-alias filter.
+        weight: [3] 1 / standard deviation given to each axis, 1/N.
+        bias_spread_n: [3] prior standard deviation of a trial's bias, N; 0 where all trials share one bias.
+        scale: [6] units of the mechanistic constants, so that the unknowns are of order one.
+        bias_unit_n: [] unit of a shared bias, N.
+        shared_bias: True where the sensor was zeroed once a session, and that shows (static).
+        orders, angles: highest order and angles evaluated a turn (static).
+        arc_rad: longest engagement arc of any trial, rounded up (static).
+        motion: [R, K, 3] lines of the tool's motion at its measured angle, m, which is then no unknown; None
+            for a straight path and phases of the trials' own.
+        trust: [R, 3] factor on the weight of each trial; None: one.
+        tolerance: share of the force by which any model of it may be wrong (static).
+        given: effects that every model has, and that are not looked for (static).
+        air: levels in air, where all trials share one bias.
+    """
+
+    tool: Tool
+    cut: Cut
+    path_m: Array
+    whitened: Array
+    factor: Array
+    present: Array
+    gain: Array
+    weight: Array
+    bias_spread_n: Array
+    scale: Array
+    bias_unit_n: Array
+    shared_bias: bool = eqx.field(static=True)
+    orders: int = eqx.field(static=True)
+    angles: int = eqx.field(static=True)
+    arc_rad: float = eqx.field(static=True)
+    motion: Array | None = None
+    trust: Array | None = None
+    given: tuple[type[AbstractEffect], ...] = eqx.field(static=True, default=())
+    tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    air: Air | None = None
+
+    @property
+    def trials(self) -> int:
+        """Number of trials R."""
+        return self.whitened.shape[0]
+
+    @property
+    def weights(self) -> Array:
+        """[R, 3] 1 / standard deviation given to each axis of each trial, 1/N."""
+        return self.weight * (jnp.ones((self.trials, 3)) if self.trust is None else self.trust)
+
+    @property
+    def common(self) -> int:
+        """Number of unknowns before those of the effects looked for."""
+        bias = 3 if self.shared_bias else 0
+        return CONSTANTS + bias + sum(each.size(self.tool) for each in self.given)
+
+
+def pose(dataset: Dataset, lines: Lines) -> Problem:
+    """The fitting problem of a dataset's cut trials (call it in float64)."""
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    shape = dataset.tool
+    tool = Tool(shape.kind, shape.teeth, shape.diameter_m, shape.helix_rad, slices=1)
+    places = [along_path(trial) for trial in trials]
+    cuts = [
+        Cut.milling(
+            trial.milling or "slot",
+            dataset.tool.diameter_m,
+            angle_rad=0.0,
+            spindle_speed_rev_s=float(speed),
+            feed_speed_m_s=trial.feed_speed_m_s,
+            radial_depth_m=trial.radial_depth_m,
+            axial_width_m=trial.axial_width_m,
+            position_m=float(np.mean(place)),
+            cut_length_m=trial.cut_length_before_m + 0.5 * _length_m(trial),
+            time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
+            clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),
+        )
+        for trial, place, speed in zip(trials, places, lines.speed_rev_s, strict=True)
+    ]
+    rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
+    noise = lines.noise_std_n()
+    zeroed_once = dataset.sensor.zeroed == "session"
+    air = air_levels(dataset)
+    known = zeroed_once or dataset.tool.kind in LEVEL_KINDS
+    angles = dataset.tool.teeth * int(
+        np.ceil(
+            max(_FEWEST_ANGLES, _ANGLES_PER_ORDER * lines.orders, _ANGLES_PER_TOOTH * dataset.tool.teeth)
+            / dataset.tool.teeth
+        )
+    )
+    return Problem(
+        tool=tool,
+        cut=jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts),
+        path_m=jnp.asarray([float(np.ptp(place)) for place in places]),
+        whitened=jnp.asarray(lines.whitened),
+        factor=jnp.asarray(lines.factor),
+        present=jnp.asarray(lines.present),
+        gain=jnp.asarray(line_gain(dataset.sensor, lines.speed_rev_s, lines.orders)),
+        weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * _rms_by_axis(dataset, lines, rms)) ** 2)),
+        bias_spread_n=jnp.full(3, 0.0 if known else _BIAS_SPREAD * rms),
+        scale=jnp.asarray(
+            _scale(trials, dataset.tool.teeth, dataset.tool.diameter_m, lines.speed_rev_s, rms)
+        ),
+        bias_unit_n=jnp.asarray(_BIAS_SPREAD * rms),
+        shared_bias=zeroed_once and (air is not None or _bias_shows(dataset.tool.kind, trials)),
+        orders=lines.orders,
+        angles=angles,
+        arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
+        air=air,
+    )
+
+
+def _bias_shows(kind: str, trials: Sequence[Trial]) -> bool:
+    """Whether a bias differs from an edge force, which over a level of one width it does not: there it stays
+    part of that."""
+    if kind not in LEVEL_KINDS:
+        return True
+    width = [trial.axial_width_m for trial in trials]
+    return kind == "turning" and max(width) > _WIDTHS_APART * min(width)
+
+
+def _arc(cut: Cut) -> float:
+    return float(np.asarray(cut.exit_rad) - np.asarray(cut.entry_rad))
+
+
+def model_at(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> ForceModel:
+    """The force model at the global unknowns `x` [6 + ...]: `effects`, then those given."""
+    constants = x[:CONSTANTS] * problem.scale
+    start = CONSTANTS + (3 if problem.shared_bias else 0)
+    parts = []
+    for effect in (*problem.given, *effects):
+        size = effect.size(problem.tool)
+        parts.append(effect.build(x[start : start + size], problem.tool))
+        start += size
+    given = len(problem.given)
+    tc, rc, ac, te, re, ae = constants
+    return ForceModel(problem.tool, Material(tc, te, rc, re, ac, ae), (*parts[given:], *parts[:given]))
+
+
+def unknowns(problem: Problem, effects: Sequence[type[AbstractEffect]]) -> int:
+    """Number of global unknowns."""
+    return problem.common + sum(effect.size(problem.tool) for effect in effects)
+
+
+def padded(problem: Problem) -> Problem:
+    """The problem with its last trial repeated up to a multiple of four: what is compiled for it serves more
+    data sets. What the repeated trials leave is for the caller to drop."""
+    rows = -(-problem.trials // _TRIALS_STEP) * _TRIALS_STEP
+    index = np.minimum(np.arange(rows), problem.trials - 1)
+
+    def by_trial(problem: Problem) -> tuple[Any, ...]:
+        record = problem.cut, problem.path_m, problem.whitened, problem.factor, problem.present, problem.gain
+        return record if problem.motion is None else (*record, problem.motion, problem.trust)
+
+    more = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[index]), by_trial(problem))
+    return eqx.tree_at(by_trial, problem, more)
+
+
+def rescaled(problem: Problem, factor: float) -> Problem:
+    """The same problem with every standard deviation multiplied by `factor`."""
+    return eqx.tree_at(lambda p: p.weight, problem, problem.weight / factor)
+
+
+def out_of_range(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> Array:
+    """[...] how far each bounded quantity lies outside its range, in units of the range; zero inside.
+
+    Bounded are the in-plane constants (not negative) and every parameter of an effect with its declared
+    range.
+    """
+    parts = [jnp.minimum(x[jnp.array(_IN_PLANE)], 0.0)]
+    for effect in model_at(problem, x, effects).effects:
+        for name, parameter in effect.parameters.items():
+            value = jnp.atleast_1d(jnp.asarray(getattr(effect, name), dtype=float))
+            span = parameter.high - parameter.low
+            parts.append(
+                (jnp.maximum(value - parameter.high, 0.0) + jnp.minimum(value - parameter.low, 0.0)) / span
+            )
+    return jnp.concatenate(parts)
+
+
+def beside_the_cuts(problem: Problem, x: Array, model: ForceModel) -> Array:
+    """[...] weighted residual that holds in every set of cut trials: that of the levels in air."""
+    if problem.air is None:
+        return jnp.zeros(0)
+    return left_in_air(problem.air, model, shared_bias(problem, x), problem.weight)
+
+
+def shared_bias(problem: Problem, x: Array) -> Array:
+    """[3] bias of the session, N, in the global unknowns; zero where each trial has its own, and in the
+    channel in which a drill has nothing."""
+    if not problem.shared_bias:
+        return jnp.zeros(3)
+    bias = x[CONSTANTS : CONSTANTS + 3] * problem.bias_unit_n
+    return bias.at[0].set(0.0) if problem.tool.kind == "drill" else bias
+
+
+def _thrust_and_torque(model: ForceModel, cut: Cut) -> Array:
+    """[3] nothing, torque (N m) and thrust (N) of a drill as sensed, in the order of `levels`."""
+    thrust = model.process_force(cut)[2]
+    channels = jnp.stack([jnp.zeros_like(thrust), model.torque_z(cut), thrust])
+    return model.sense(channels, cut).at[0].set(0.0)
+
+
+def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, Any]:
+    """[3] size of the force that a model error is counted from; torque and thrust differ in unit."""
+    if dataset.tool.kind != "drill":
+        return np.full(3, rms)
+    own = np.sqrt(lines.energy_n2.sum(axis=0) / lines.samples.sum())
+    return np.where(own > 0.0, own, rms)
+
+
+def model_lines(problem: Problem, model: ForceModel) -> Array:
+    """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N.
+
+    The teeth are straight ones, since a helix only delays slices of the edge, which in the order domain is
+    the exact factor (1 - exp(-i n lag)) / (i n lag) in `response`, whatever corrects its angle.
+    """
+    straight = with_straight_teeth(problem, model)
+    if problem.tool.kind == "drill":
+        return jax.vmap(partial(_thrust_and_torque, straight))(problem.cut)[:, None] + 0j
+    orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
+
+    def along(cut: Cut, path_m: Array, motion: Array | None) -> Array:
+        moving = straight if motion is None else straight.with_effects(CentreMotion(motion))
+
+        def at(place: ArrayLike) -> Array:
+            here = cut.replace(position_m=place)
+            here = here if motion is None else felt_on(here, motion, angles)
+            return order_lines(moving, here, orders, angles, arc_rad)
+
+        if not by_position(model):
+            return at(cut.position_m)
+        node, weight = np.polynomial.legendre.leggauss(_PLACES)
+        return jnp.tensordot(0.5 * weight, jax.vmap(at)(cut.position_m + 0.5 * path_m * node), axes=1)
+
+    lines = jax.vmap(along)(problem.cut, problem.path_m, problem.motion)
+    return lines * response(problem, model)[..., None]
+
+
+def with_straight_teeth(problem: Problem, model: ForceModel) -> ForceModel:
+    """The model without a helix."""
+    tool = Tool(problem.tool.kind, problem.tool.teeth, problem.tool.diameter_m)
+    rest = tuple(each for each in model.effects if not isinstance(each, HelixLag))
+    return ForceModel(tool, model.material, rest)
+
+
+def response(problem: Problem, model: ForceModel) -> Array:
+    """[R, orders + 1] what the known filter and the helix, with what corrects it, make of the lines of
+    straight teeth."""
+    corrections = (jnp.asarray(each.helix_rad) for each in model.effects if isinstance(each, HelixLag))
+    helix_rad = sum(corrections, start=jnp.asarray(problem.tool.helix_rad))
+    width = jnp.asarray(problem.cut.axial_width_m)
+    return problem.gain * helix_gain(width, problem.tool.diameter_m, helix_rad, problem.orders)
+
+
+def by_position(model: ForceModel) -> bool:
+    """Whether the response of an effect changes along the path."""
+    return any(effect.by_position for effect in model.effects)
+
+
+def _length_m(trial: Trial) -> float:
+    """Length cut in the trial, m."""
+    return trial.feed_speed_m_s * float(trial.time_s[-1] - trial.time_s[0])
+
+
+def _scale(
+    trials: Sequence[Trial], teeth: int, diameter_m: float, speed_rev_s: np.ndarray[Any, Any], rms: float
+) -> np.ndarray[Any, Any]:
+    """[6] constants that would make a force of the measured size: three for the chip, three for the edge."""
+    chip, width = [], []
+    for trial, speed in zip(trials, speed_rev_s, strict=True):
+        entry, exit_ = arc(trial.milling or "slot", trial.radial_depth_m, diameter_m)
+        engaged = max(1.0, teeth * float(exit_ - entry) / (2.0 * np.pi))
+        chip.append(trial.feed_speed_m_s / (teeth * speed))
+        width.append(trial.axial_width_m * engaged)
+    thickness = max(float(np.median(chip)), 1e-9)
+    per_width = rms / max(float(np.median(width)), 1e-9)
+    return np.array([per_width / thickness] * 3 + [per_width] * 3)

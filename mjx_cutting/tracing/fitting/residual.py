@@ -1,0 +1,176 @@
+"""What a force model leaves of the measured lines, each trial's own unknowns solved inside.
+
+A trial's phase and (where the sensor was zeroed before each trial) its bias are nuisances: for given lines
+the phase is found by a search over the whole turn and a few Gauss-Newton steps, the bias in closed form. What
+is returned is the whitened residual with both projected out, whose Jacobian in the global unknowns is
+Kaufman's variable projection (Golub and Pereyra, Inverse Problems 19 (2003) R1-R26). Where the tool's motion
+was measured, so was its angle, and only the bias is left.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.tracing.fitting.problem import Problem
+
+_PHASES = 1024
+_GAUSS_NEWTON = 4
+_TERMS = 3
+
+
+class Residual(eqx.Module):
+    """What a model leaves of the measured lines.
+
+    Fields:
+        weighted: [R, P, 3] residual with nuisances projected out, in standard deviations.
+        remaining_n: [R, P, 3] whitened residual with the nuisances at their best, N; its sum of squares is
+            the squared error over the samples, less the part between the lines.
+        phase_rad: [R] phase of each trial.
+        bias_n: [R, 3] bias of each trial, N.
+    """
+
+    weighted: Array
+    remaining_n: Array
+    phase_rad: Array
+    bias_n: Array
+
+
+def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike = 0.0) -> Residual:
+    """Residual of every trial against given lines [R, orders + 1, 3], N."""
+    shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
+    solve = partial(_solve_trial, problem, shared)
+    return jax.vmap(solve)(lines, problem.whitened, problem.factor, problem.present, problem.weights)
+
+
+def as_measured(problem: Problem, lines: Array) -> Array:
+    """[R, P, 3] lines [R, orders + 1, 3] as `Problem.whitened` holds those of a record."""
+    real = jax.vmap(_real)(lines, problem.present)
+    return jnp.einsum("rqp,rqa->rpa", problem.factor, real)
+
+
+def marks(problem: Problem, lines: Array, phase_rad: Array) -> Array:
+    """[R, P, 3] lines [R, orders + 1, 3] at given phases [R], whitened and weighted as the residual is."""
+    return as_measured(problem, jax.vmap(_turned)(lines, phase_rad)) * problem.weights[:, None]
+
+
+def _solve_trial(
+    problem: Problem,
+    shared: Array,
+    lines: Array,
+    whitened: Array,
+    factor: Array,
+    present: Array,
+    weight: Array,
+) -> Residual:
+    spread = problem.bias_spread_n
+    constant = factor[0]
+    norm = constant @ constant
+    # closed-form bias with its prior: share of the projection on the constant that a bias takes away
+    absorbed = (weight * spread) ** 2 * norm / (1.0 + (weight * spread) ** 2 * norm)
+
+    def without_bias(value: Array) -> Array:
+        return value - jnp.outer(constant, absorbed * (constant @ value) / norm)
+
+    keep = 1.0 - jnp.sqrt(1.0 - absorbed)
+
+    def unbiased(remaining: Array) -> Array:
+        return remaining - jnp.outer(constant, keep * (constant @ remaining) / norm)
+
+    def bias_of(remaining: Array) -> Array:
+        return jnp.where(spread > 0.0, (constant @ remaining) / norm, 0.0)
+
+    if problem.motion is not None:
+        remaining = whitened - factor.T @ _real(lines, present).at[0].add(shared)
+        bias = bias_of(remaining)
+        left = remaining - jnp.outer(constant, bias)
+        return Residual(unbiased(remaining) * weight, left, jnp.zeros(()), bias + shared)
+    still = jax.lax.stop_gradient(lines)
+    start = _best_phase(still, whitened, factor, weight)
+    teeth, turned = problem.tool.teeth, _turned(still, start)
+    of_all = (np.arange(len(still)) % teeth == 0)[:, None]
+    alike = _real(jnp.where(of_all, turned, 0.0), present).at[0].add(shared)
+    apart = without_bias(whitened - factor.T @ alike)
+    start = start + _whole_teeth(jnp.where(of_all, 0.0, turned), apart, factor, weight, teeth)
+    columns = _derivatives(_real(_turned(still, start), present), _TERMS)
+    columns[0] = columns[0].at[0].add(shared)
+    now, *slopes = jnp.split(-factor.T @ jnp.concatenate(columns, axis=1), 1 + _TERMS, axis=1)
+    expansion = jnp.stack([without_bias(each) * weight for each in (whitened + now, *slopes)])
+    phase = jax.lax.stop_gradient(start + _least_turn(expansion.reshape(1 + _TERMS, -1)))
+    real = _real(_turned(lines, phase), present)
+    remaining = whitened - factor.T @ real.at[0].add(shared)
+    slope = without_bias(-factor.T @ jax.lax.stop_gradient(_derivatives(real, 1)[1])) * weight
+    projected = unbiased(remaining) * weight
+    slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
+    projected = projected - slope * jnp.sum(slope * projected)
+    bias = bias_of(remaining)
+    return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
+
+
+def _derivatives(real: Array, highest: int) -> list[Array]:
+    """[P, A] each: coefficients of 1, cos, sin, and their derivatives by the phase up to the highest."""
+    order = jnp.arange(1, 1 + real.shape[0] // 2)[:, None]
+    cosine, sine = real[1::2], real[2::2]
+    turned = jnp.stack([order * sine, -order * cosine], axis=1).reshape(-1, real.shape[1])
+    found = [real, jnp.concatenate([jnp.zeros_like(real[:1]), turned])]
+    square = jnp.concatenate([jnp.zeros((1, 1)), jnp.repeat(order, 2, axis=0)]) ** 2
+    while len(found) <= highest:
+        found.append(-square * found[-2])
+    return found
+
+
+def _least_turn(expansion: Array) -> Array:
+    """[] turn at which a residual, given by its value and derivatives [1 + terms, M], is least.
+
+    Gauss-Newton on the Taylor series, of which only inner products are needed.
+    """
+    product = expansion @ expansion.T
+    terms = len(product)
+    factorial = np.cumprod([1.0, *range(1, terms)])
+
+    def better(_: int, turn: Array) -> Array:
+        value = turn ** np.arange(terms) / factorial
+        slope = jnp.concatenate([jnp.zeros(1), value[:-1]])
+        return turn - slope @ product @ value / jnp.maximum(slope @ product @ slope, 1e-30)
+
+    return jax.lax.fori_loop(0, _GAUSS_NEWTON, better, jnp.zeros((), product.dtype))
+
+
+def _turned(lines: Array, phase: Array) -> Array:
+    """Lines of the same waveform with tooth 0 ahead by `phase`."""
+    return lines * jnp.exp(1j * jnp.arange(lines.shape[0]) * phase)[:, None]
+
+
+def _real(lines: Array, present: Array) -> Array:
+    """[P, A] coefficients of 1, cos, sin from complex lines [orders + 1, A]."""
+    pairs = jnp.stack([2.0 * lines.real[1:], -2.0 * lines.imag[1:]], axis=1).reshape(-1, lines.shape[1])
+    return jnp.concatenate([lines.real[:1], pairs]) * present[:, None]
+
+
+def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> Array:
+    """Phase on a grid of a turn at which the lines agree best with the measured ones, the mean left aside."""
+    product = factor @ whitened
+    measured = product[1::2] - 1j * product[2::2]
+    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
+    spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[1 : lines.shape[0]].set(agreement)
+    return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
+
+
+def _whole_teeth(lines: Array, apart: Array, factor: Array, weight: Array, teeth: int) -> Array:
+    """Turn by whole teeth at which the lines that tell them apart agree best with the measured ones.
+
+    In a finite record the mean and the lines of tooth passing leak into the small ones between. So these,
+    `lines` [orders + 1, A], are compared with what a model of alike teeth leaves, `apart` [P, A] whitened.
+    """
+    order = np.arange(1, lines.shape[0])
+    product = factor @ apart
+    measured = product[1::2] - 1j * product[2::2]
+    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
+    tooth = np.arange(teeth)[:, None]
+    return 2.0 * jnp.pi / teeth * jnp.argmax((np.exp(-2j * np.pi / teeth * tooth * order) @ agreement).real)

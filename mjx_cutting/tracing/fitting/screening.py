@@ -1,0 +1,92 @@
+"""A first look at every effect of the library: a short fit of each beside the model so far, to choose which
+are worth a full one, and what of each the trials could show at all.
+
+Each effect descends a few steps from those starts that a first one brings lowest, then further from the best
+(`descent`). The same numbers give the two figures of an isolability analysis: how much of an effect's mark on
+the lines survives refitting what is in the model already (phases and biases with it), and the cosine between
+what survives of two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects, effect_starts
+from mjx_cutting.tracing.fitting.problem import Problem
+
+_TRIED = 3
+_FIRST_STEPS = 2
+_STEPS = 8
+_EXPLAINS = 1e-2
+Matrix = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """One effect after its short fit.
+
+    Fields:
+        kind: the effect.
+        x: [U] unknowns reached.
+        share: part of the squared residual so far that the effect takes away, 0 to 1.
+        survival: part of the effect's mark on the lines, at the values reached (or at the start where it
+            explains nothing), that refitting the model so far cannot imitate, 0 to 1.
+        size: that surviving mark in standard deviations of the residual, at the effect's usual strength.
+        direction: [M] the surviving mark as a unit vector; the cosine of two effects is their product.
+    """
+
+    kind: type[AbstractEffect]
+    x: Matrix
+    share: float
+    survival: float
+    size: float
+    direction: Matrix
+
+
+def screen(
+    problem: Problem,
+    effects: Effects,
+    x: Array,
+    kinds: Sequence[type[AbstractEffect]],
+    progress: Callable[[str], None] = lambda text: None,
+) -> tuple[Screened, ...]:
+    """Each of `kinds` beside the model with `effects` at its fitted unknowns `x`, the most telling first."""
+    here = np.asarray(x)
+    so_far = Descent(problem, effects, Descent(problem, effects).rows(here[None]).phase_rad[0])
+    left, slope = so_far.around(here)
+    found = []
+    for kind in kinds:
+        progress(f"screening {kind.name}")
+        found.append(_screen(so_far, here, float(left @ left), slope, kind))
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def _screen(
+    so_far: Descent, x: Matrix, squares: float, slope: Matrix, kind: type[AbstractEffect]
+) -> Screened:
+    both = Descent(so_far.problem, (*so_far.effects, kind), so_far.phase_rad)
+    span = np.linalg.qr(slope[: so_far.measured])[0]
+    starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
+    if len(starts) > _TRIED:
+        starts = starts[np.argsort(both.glance(starts, slope))[:_TRIED]]
+    tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
+    best, reached = both.descend(tries[0][0], _STEPS)
+    share = max(0.0, 1.0 - reached / max(squares, 1e-300))
+    shown = best if share > _EXPLAINS else starts[0]
+    beside, measured = shown[None, : len(x)], so_far.measured
+    effect = both.rows(shown[None]).left[0, :measured] - so_far.rows(beside).left[0, :measured]
+    surviving = effect - span @ (span.T @ effect)
+    size, whole = (
+        float(np.linalg.norm(surviving)),
+        float(np.linalg.norm(both.mark(shown[None]) - so_far.mark(beside))),
+    )
+    direction = surviving / max(size, 1e-300)
+    return Screened(kind, best, share, min(1.0, size / max(whole, 1e-300)), size, direction)

@@ -1,0 +1,1 @@
+"""What else may be behind a gain that an effect brings: each file a reason to refuse its name."""

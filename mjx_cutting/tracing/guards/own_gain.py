@@ -1,0 +1,57 @@
+"""Is a named effect more than a factor that every trial could have of its own?
+
+Whatever makes all the force of a trial larger or smaller (a material that softens with cutting speed, one
+batch beside another) is imitated in part by every effect that grows with something the trials differ in.
+So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
+of the candidate little that is its own, the candidate is not the cause. Runout, a mode, a filter change the
+shape of the force and pass beside any factor. Levels have no shape, so tools that have only those are let be.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+
+_SHARE_OF_FREE = 0.9
+_OWN = 0.5
+
+
+def rather_a_factor(
+    problem: Problem, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
+) -> str | None:
+    """Why an effect is refused that a factor of each trial's own does better than; None where it is not.
+
+    Arguments: problem; the effects and unknowns [U] of the model before, and of the one with the candidate.
+    """
+    if problem.tool.kind in LEVEL_KINDS:
+        return None
+    plain, free = _squares(problem, before, np.asarray(x_before))
+    plain_with, free_with = _squares(problem, after, np.asarray(x_after))
+    explained, unnamed, own = plain - plain_with, plain - free, free - free_with
+    if explained >= _SHARE_OF_FREE * unnamed or own >= _OWN * explained:
+        return None
+    ratio = unnamed / max(explained, 1e-300)
+    return f"a factor of its own for each trial explains {ratio:.1f} times as much"
+
+
+def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float]:
+    """Sum of squares of the weighted residual, and the same with a factor on the force of each trial."""
+    rows = Descent(problem, effects).rows(x[None])
+    descent = Descent(problem, effects, rows.phase_rad[0])
+    shape = problem.whitened.shape
+    left = rows.left[0, : descent.measured].reshape(shape)
+    mark = descent.mark(x[None]).reshape(shape)
+    if np.any(np.asarray(problem.bias_spread_n) > 0.0):
+        # a bias of each trial's own has taken the mean out of what is left
+        constant = np.asarray(problem.factor)[:, 0]
+        constant = constant / np.linalg.norm(constant, axis=1, keepdims=True)
+        mark = mark - np.einsum("rp,rq,rqa->rpa", constant, constant, mark)
+    left, mark = (each.reshape(problem.trials, -1) for each in (left, mark))
+    size = np.maximum(np.sum(mark**2, axis=1), 1e-300)
+    plain = np.sum(left**2, axis=1)
+    return float(plain.sum()), float(np.sum(plain - np.sum(left * mark, axis=1) ** 2 / size))

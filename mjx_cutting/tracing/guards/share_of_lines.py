@@ -1,0 +1,58 @@
+"""Is a named effect the cause of what the lines lack, or just a little like it?
+
+Whatever makes teeth unlike each other (a dull sector, a mixed set of inserts) leaves lines at all multiples
+of the spindle, and every effect that does the same takes its share of them; so does, at tooth passing, every
+effect that bends the force under a tooth, whatever bends it. The true one takes most; of two that are there
+together the larger takes a good part. One that takes little of the lines it works on, and leaves more there
+than a model may be off, is not the cause; nor one that gives back at tooth passing what it takes once a turn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.model_error import tolerated
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines, order_of_columns
+
+_ITS_WORK = 0.5
+_LEAST_PART = 0.3
+_LEAST_AT_TOOTH_PASSING = 0.4
+
+
+def rather_unlike(
+    problem: Problem, lines: Lines, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
+) -> str | None:
+    """Why an effect is refused that explains little of the lines it works on; None where it is not.
+
+    Arguments: problem, lines; the effects and unknowns [U] of the model before, and of the one with the
+    candidate.
+    """
+    if problem.tool.kind in LEVEL_KINDS:
+        return None
+    once = order_of_columns(problem.orders) % problem.tool.teeth != 0
+    old, new = (_squares(problem, *each) for each in ((before, x_before), (after, x_after)))
+    noise = (lines.noise_std_n() * np.asarray(problem.weights)) ** 2
+    quiet = noise[:, None] * np.asarray(problem.present)[..., None]
+    gained = float((old - new).sum())
+    unlike = float((old - new)[:, once].sum()) >= _ITS_WORK * gained
+    its = once if unlike else ~once
+    there, left = (float((each - quiet)[:, its].sum()) for each in (old, new))
+    if not unlike and left <= tolerated(problem, lines) ** 2:
+        return None
+    if gained >= (_LEAST_PART if unlike else _LEAST_AT_TOOTH_PASSING) * there:
+        return None
+    if unlike:
+        return f"explains {gained / there:.0%} of what repeats once a turn: the teeth differ in another way"
+    return f"explains {gained / there:.0%} of what repeats at tooth passing and leaves the rest"
+
+
+def _squares(problem: Problem, effects: Effects, x: ArrayLike) -> NDArray[np.floating]:
+    """[R, P, 3] squared weighted residual of every line."""
+    descent = Descent(problem, effects)
+    left = descent.rows(np.asarray(x)[None]).left[0, : descent.measured]
+    return np.asarray(left.reshape(problem.whitened.shape) ** 2)

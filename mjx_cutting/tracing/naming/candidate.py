@@ -1,0 +1,163 @@
+"""One effect tried beside others: its full fit, its error on held-out trials, the tests it must pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects, Fit, freedom
+from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
+from mjx_cutting.tracing.fitting.model_error import model_errors, tolerated
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.fitting.screening import Screened
+from mjx_cutting.tracing.guards.level_with_speed import rather_with_speed
+from mjx_cutting.tracing.guards.line_by_line import rather_by_line
+from mjx_cutting.tracing.guards.own_gain import rather_a_factor
+from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
+from mjx_cutting.tracing.guards.smeared import rather_smeared
+from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines
+
+_STEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect tried beside those accepted: its fit, its error on held-out trials and the decision."""
+
+    kind: type[AbstractEffect]
+    fit: Fit
+    heldout: HeldOut
+    decision: Decision
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of the search.
+
+    Fields:
+        before: held-out error of the model so far.
+        screened: every candidate after its short fit, the most telling first.
+        candidates: those fitted fully, in order of held-out error.
+        accepted: the one accepted, if any.
+    """
+
+    before: HeldOut
+    screened: tuple[Screened, ...]
+    candidates: tuple[Candidate, ...]
+    accepted: Candidate | None
+
+    @property
+    def runner_up(self) -> Candidate | None:
+        """The best candidate that was not accepted; one that needs an unphysical value only if all do."""
+        others = [each for each in self.candidates if each is not self.accepted]
+        return next((each for each in others if each.decision.physical), others[0] if others else None)
+
+
+def try_effect(
+    problem: Problem,
+    lines: Lines,
+    effects: Effects,
+    start: NDArray[np.floating],
+    before: Fit,
+    before_heldout: HeldOut,
+    fold: NDArray[np.int64],
+    tried: Sequence[type[AbstractEffect]],
+) -> Candidate:
+    """Fit and judge the last of `effects` beside the others.
+
+    Arguments:
+        problem, lines: the trials.
+        effects: the model's; `start` [U] unknowns to start from.
+        before, before_heldout: fit and held-out error without the last effect.
+        fold: [R] fold of each trial.
+        tried: all that were tried in its place, for the chance of the best of them.
+    """
+    kind = effects[-1]
+    found, after = fitted(problem, lines, effects, start, fold)
+    tries = sum(len(each.starts(problem.tool)) for each in tried)
+    p = beyond_chance(problem, lines, effects[:-1], before, effects, found, tries)
+    own = parameters(problem, lines, effects, found, after)[-1]
+    decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance)
+    if decision.accepted:
+        why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
+        why = why or rather_smeared(problem, lines, effects, found.x)
+        why = why or rather_by_line(problem, effects, before.x, found.x)
+        why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
+        why = why or rather_with_speed(problem, effects, found)
+        decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
+    return Candidate(kind, found, after, decision)
+
+
+def beyond_chance(
+    problem: Problem, lines: Lines, fewer: Effects, before: Fit, more: Effects, after: Fit, tries: int
+) -> float:
+    """Probability that chance lowers the squared error as much as from the fit `before` of the effects
+    `fewer` to that `after` of `more`, at the best of `tries`.
+
+    Levels of one trial that rise and fall together say one thing, not three: of them, where more is left
+    than the model may be off, as many are counted as that has independent directions.
+    """
+    descent = Descent(problem, more)
+    told_before = Descent(problem, fewer).told(np.asarray(before.x))
+    told = descent.told(np.asarray(after.x))
+    left = freedom(problem, after, told)
+    if problem.tool.kind in LEVEL_KINDS and after.squares > tolerated(problem, lines) ** 2:
+        left = max(int((left + told) * _independent(descent, after.x)) - told, 1)
+    return chance(
+        drop=float(before.squares - after.squares),
+        added=max(told - told_before, 1),
+        spread=float(np.sqrt(after.squares / left)),
+        floor=tolerated(problem, lines) / np.sqrt(left),
+        freedom=left,
+        tries=tries,
+    )
+
+
+def _independent(descent: Descent, x: ArrayLike) -> float:
+    """Independent directions of what the channels leave over the trials, as a share of the channels: by the
+    participation ratio of its covariance. Channels in which nothing is left at all do not count."""
+    left = descent.rows(np.asarray(x)[None]).left[0, : descent.measured].reshape(-1, 3)
+    size = np.linalg.svd(left[:, np.any(left != 0.0, axis=0)], compute_uv=False) ** 2
+    return float(size.sum() ** 2 / max(np.sum(size**2), 1e-300) / max(len(size), 1))
+
+
+def fitted(
+    problem: Problem, lines: Lines, effects: Effects, start: NDArray[np.floating], fold: NDArray[np.int64]
+) -> tuple[Fit, HeldOut]:
+    """Fit of a model to all trials from the unknowns `start` [U], and its error on held-out trials."""
+    descent = Descent(problem, effects)
+    x, _ = descent.descend(start, _STEPS)
+    found: Fit = jax.tree.map(lambda leaf: leaf[0], descent.fits(x[None], np.ones((1, problem.trials))))
+    return found, held_out(problem, lines, effects, x, fold)
+
+
+def parameters(
+    problem: Problem, lines: Lines, effects: Effects, found: Fit, heldout: HeldOut
+) -> list[dict[str, Interval]]:
+    """Parameters of every effect with their intervals, by name, in the order of `effects`."""
+    assert heldout.fits is not None
+    errors = model_errors(problem, lines, effects, found.x)
+    # a model's last effects may be given, not looked for
+    fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=False)
+    return [
+        {
+            name: interval(
+                kind,
+                name,
+                getattr(whole, name),
+                getattr(by_fold, name),
+                model_error=moved.by_name[name],
+                scale=moved.scale if name == kind.strength else None,
+            )
+            for name in kind.parameters
+        }
+        for kind, whole, by_fold, moved in fitted
+    ]

@@ -1,0 +1,81 @@
+"""Wear that runs in: a sharp edge wears fast at first, then steadily.
+
+Wear that grows evenly is tried first, because two unknowns less leave more to be sure of. Where its land
+leaves more than noise, it is fitted with the run-in as well, and kept so where that explains more than chance
+does. Without this, force that rises fast and then slowly is a sensor's drift rather than wear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, Tool
+from mjx_cutting.cutting.effects.flank_wear import RATE, FlankWear
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects, Fit
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.naming.candidate import Candidate, beyond_chance, try_effect
+from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.records.lines import Lines
+
+_LAND_M = 1e-5
+_SHARES = (0.03, 0.1, 0.3)
+_STEPS = 10
+_WORTH_IT = 0.9
+
+
+class WearRunningIn(FlankWear):
+    """Flank wear with a run-in. Coordinates: kappa as of `FlankWear`, logarithms of the run-in's land (10 um)
+    and of its length (m)."""
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 5
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> WearRunningIn:
+        steady = FlankWear.build(coordinates[:3], tool)
+        land, length = jnp.exp(coordinates[3:])
+        return cls(steady.kappa_n_m2, steady.rate, initial_m=_LAND_M * land, run_in_m=length)
+
+    @classmethod
+    def starts(cls, tool: Tool) -> np.ndarray:
+        return np.asarray([[0.3, 0.5, 0.3, 0.0, 0.0]])
+
+
+def with_run_in(
+    found: Candidate,
+    problem: Problem,
+    lines: Lines,
+    effects: Effects,
+    before: Fit,
+    before_heldout: HeldOut,
+    fold: NDArray[np.int64],
+    tried: Sequence[type[AbstractEffect]],
+) -> Candidate:
+    """The candidate `found`, or wear with its run-in where that is steady wear and the run-in explains more.
+
+    Arguments: those of `candidate.try_effect`, by which `found` was tried.
+    """
+    if found.kind is not FlankWear or not found.heldout.nrmse < _WORTH_IT * before_heldout.nrmse:
+        return found
+    running_in: Effects = (*effects[:-1], WearRunningIn)
+    descent = Descent(problem, running_in)
+    starts = _starts(np.asarray(found.fit.x), float(np.max(np.asarray(problem.cut.cut_length_m))))
+    best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
+    more = try_effect(problem, lines, running_in, best, before, before_heldout, fold, tried)
+    p = beyond_chance(problem, lines, effects, found.fit, running_in, more.fit, len(starts))
+    return more if p <= CHANCE and more.heldout.nrmse < found.heldout.nrmse else found
+
+
+def _starts(steady: NDArray[np.floating], longest_m: float) -> NDArray[np.floating]:
+    """[n, U] half of the land from the run-in, over several shares of the length cut."""
+    land = np.log(RATE * longest_m / _LAND_M)
+    halved = np.concatenate([steady[:-3], 0.5 * steady[-3:]])
+    return np.asarray([[*halved, land, np.log(share * longest_m)] for share in _SHARES])

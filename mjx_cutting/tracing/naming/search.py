@@ -1,0 +1,120 @@
+"""Forward search: which registered effects, added one after another, lower the error on trials not seen.
+
+Each round looks at every candidate beside what is accepted already (`screening`), fits the most telling ones
+fully, scores them on held-out trials, tests them (`decision`), accepts the best that passes, and looks again
+at what remains, as long as enough does. The best of the others is the runner-up. In the end each effect must
+still earn its place (`exchange`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.fitting.fit import Effects, Fit, fit_base, reweighted
+from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.fitting.screening import Screened, screen
+from mjx_cutting.tracing.naming.candidate import Candidate, Round, fitted, parameters, try_effect
+from mjx_cutting.tracing.naming.decision import Interval
+from mjx_cutting.tracing.naming.exchange import reconsider
+from mjx_cutting.tracing.naming.run_in import with_run_in
+from mjx_cutting.tracing.records.lines import Lines
+
+MOST_EFFECTS = 4
+SHORTLIST = 4
+_WORTH_A_FIT = 0.01
+_MUCH_MORE = 1.25
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What the search found.
+
+    Fields:
+        problem: the problem, weighted for the final model.
+        base_fit, base: base model and its held-out error.
+        effects, final_fit, final: accepted effects, the final model and its held-out error.
+        rounds: every round, in order.
+        intervals: parameters of the final model with their intervals, effect by effect.
+    """
+
+    problem: Problem
+    base_fit: Fit
+    base: HeldOut
+    effects: Effects
+    final_fit: Fit
+    final: HeldOut
+    rounds: tuple[Round, ...] = ()
+    intervals: tuple[dict[str, Interval], ...] = ()
+
+
+def search(
+    problem: Problem,
+    lines: Lines,
+    candidates: Sequence[type[AbstractEffect]],
+    fold: NDArray[np.int64],
+    progress: Progress = lambda text: None,
+) -> Search:
+    """Run the search; `progress` is told what is being tried."""
+    progress("base model")
+    problem, base = fit_base(problem)
+    base_heldout = held_out(problem, lines, (), base.x, fold)
+    effects: Effects = ()
+    current, heldout = base, base_heldout
+    rounds: list[Round] = []
+    while len(effects) < MOST_EFFECTS and (not rounds or _worth_a_round(problem, lines, heldout)):
+        named = {kind.name for kind in effects}
+        open_ = [kind for kind in candidates if kind.name not in named and kind.size(problem.tool) > 0]
+        screened = screen(problem, effects, current.x, open_, progress)
+        tried = []
+        for each in shortlist(screened):
+            progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
+            both = (*effects, each.kind)
+            one = try_effect(problem, lines, both, each.x, current, heldout, fold, open_)
+            tried.append(with_run_in(one, problem, lines, both, current, heldout, fold, open_))
+        tried.sort(key=lambda each: each.heldout.nrmse)
+        accepted = _accepted(tried)
+        rounds.append(Round(heldout, screened, tuple(tried), accepted))
+        if accepted is None:
+            break
+        effects = (*effects, accepted.kind)
+        problem = reweighted(problem, accepted.fit)
+        current, heldout = fitted(problem, lines, effects, np.asarray(accepted.fit.x), fold)
+    for _ in effects[1:]:
+        progress("second thoughts about " + ", ".join(kind.name for kind in effects[:-1]))
+        change = reconsider(problem, lines, effects, current.x, rounds, fold)
+        if change is None:
+            break
+        effects = change.effects
+        rounds[change.place] = change.round
+        current, heldout = fitted(problem, lines, effects, change.x, fold)
+    intervals = parameters(problem, lines, effects, current, heldout) if effects else []
+    return Search(problem, base, base_heldout, effects, current, heldout, tuple(rounds), tuple(intervals))
+
+
+def _accepted(tried: Sequence[Candidate]) -> Candidate | None:
+    """The best of `tried` that passes; none where one explains much more that fails only because its gain
+    differs from trial to trial: then the lesser one is not the cause."""
+    accepted = next((each for each in tried if each.decision.accepted), None)
+    if accepted is None:
+        return None
+    unsure = (each.decision.gain for each in tried if each.decision.scattered)
+    return accepted if max(unsure, default=0.0) < _MUCH_MORE * accepted.decision.gain else None
+
+
+def _worth_a_round(problem: Problem, lines: Lines, heldout: HeldOut) -> bool:
+    """Whether an effect more could account for as much of the force as one must (`decision`): none takes away
+    what lies between the lines."""
+    left = (heldout.error_n2.sum() - lines.rest_n2.sum()) / heldout.energy_n2.sum()
+    return bool(left >= problem.tolerance**2)
+
+
+def shortlist(screened: Sequence[Screened]) -> list[Screened]:
+    """Those worth a full fit: the most telling few, and beyond the first two only what explains something."""
+    return [each for rank, each in enumerate(screened[:SHORTLIST]) if rank < 2 or each.share > _WORTH_A_FIT]

@@ -1,0 +1,1 @@
+"""What is read from trials: turning speed, lines, levels, courses in time, noise."""

@@ -1,0 +1,244 @@
+"""A trial's record compressed to what a steady force model can be fitted on, without loss.
+
+The model's force is a sum of lines at multiples of the spindle frequency, y = B q with B the columns [1, cos
+n th, sin n th] over the samples. The squared error is |y|^2 - 2 q.b + q.G q with b = B^T y and G = B^T B, so
+(|y|^2, b, G) hold all a fit needs; with G = L L^T it is |z - L^T q|^2 + rest, z = L^-1 b. `rest` is what no
+steady model can explain: noise, and lines that do not belong to the spindle. The folding of lines above half
+the sampling rate is in B, so nothing is lost to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.spindle import spindle_angle, spindle_speed, spindle_speeds
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+Array = NDArray[np.floating]
+_RIDGE = 1e-9
+_TOOTH_HARMONICS = 6
+_MOST_ORDERS = 160
+_SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192)
+_UNFILTERED_HARMONICS = 48
+_MOST_UNFILTERED = 256
+_SAMPLES_PER_ORDER = 8
+_INAUDIBLE = 100.0
+_BESIDE = 1.5
+PIECE = ", piece "
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """R cut trials as lines of P = 2 orders + 1 basis functions and A = 3 axes.
+
+    Fields:
+        files: names of the trials, or of their pieces.
+        speed_rev_s: [R] estimated spindle speed.
+        samples: [R] samples in the band-limited record.
+        energy_n2: [R, A] sum of squares of the band-limited record.
+        rest_n2: [R, A] the part of it that no line at a multiple of the spindle frequency explains.
+        whitened: [R, P, A] z = L^-1 B^T y.
+        factor: [R, P, P] L, lower triangular, with unit diagonal for orders outside the band.
+        present: [R, P] 1 where the order lies in the band, or so near that it leaks into it.
+        orders: highest order.
+        band_hz: (low, high) band in which everything is measured.
+    """
+
+    files: tuple[str, ...]
+    speed_rev_s: Array
+    samples: Array
+    energy_n2: Array
+    rest_n2: Array
+    whitened: Array
+    factor: Array
+    present: Array
+    orders: int
+    band_hz: tuple[float, float]
+
+    @property
+    def trials(self) -> int:
+        """Number of trials R, or of their pieces."""
+        return len(self.files)
+
+    @property
+    def whole_files(self) -> tuple[str, ...]:
+        """Names of the trials, pieces of one counted once."""
+        return tuple(dict.fromkeys(map(whole_file, self.files)))
+
+    @property
+    def owner(self) -> NDArray[np.int64]:
+        """[R] place in `whole_files` of the trial that each is a piece of."""
+        names = self.whole_files
+        return np.array([names.index(whole_file(name)) for name in self.files])
+
+    def noise_std_n(self) -> Array:
+        """[A] standard deviation of what lies between the lines, N, over all trials."""
+        freedom = np.maximum(self.samples - self.present.sum(axis=1), 1.0)
+        return np.sqrt(self.rest_n2.sum(axis=0) / freedom.sum())
+
+
+def whole_file(name: str) -> str:
+    """Name of the trial that a piece is of, or its own."""
+    return name.split(PIECE)[0]
+
+
+def trusted_band(dataset: Dataset, band_hz: tuple[float, float] | None) -> tuple[float, float]:
+    """Band in which model and measurement are compared, Hz.
+
+    The one asked for, else up to the anti-alias filter's corner, else up to half the sampling rate.
+
+    Raises:
+        ValueError: the band is empty or reaches beyond half the sampling rate.
+    """
+    nyquist = 0.5 * dataset.sensor.sample_rate_hz
+    if band_hz is None:
+        alias = dataset.sensor.anti_alias
+        return (0.0, nyquist if alias is None else min(alias.hz, nyquist))
+    low, high = float(band_hz[0]), float(band_hz[1])
+    if not 0.0 <= low < high <= nyquist:
+        raise ValueError(
+            f"band is {low:g} to {high:g} Hz; expected 0 <= low < high <= {nyquist:g} Hz, "
+            "half the sampling rate"
+        )
+    return low, high
+
+
+def band_limit(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> Array:
+    """[T, A] the record without what lies outside the band (ideal filter over the whole record)."""
+    low, high = band_hz
+    if low <= 0.0 and high >= 0.5 * rate_hz:
+        return record
+    frequency = np.fft.rfftfreq(len(record), 1.0 / rate_hz)
+    keep = (frequency >= low) & (frequency <= high)
+    return np.fft.irfft(np.fft.rfft(record, axis=0) * keep[:, None], n=len(record), axis=0)
+
+
+def compress(
+    dataset: Dataset,
+    band_hz: tuple[float, float],
+    about_rev_s: Array | None = None,
+    orders: int | None = None,
+) -> Lines:
+    """Lines of every cut trial of the dataset.
+
+    Arguments:
+        about_rev_s: [R] speeds about which each trial's own is looked for, and no further than a stated one
+            may err; default: wherever a motor that gives way may have left it (`spindle`).
+        orders: highest order; default the highest that is heard in the band.
+
+    Raises:
+        ValueError: no cut trial, or one too short to tell its lines apart.
+    """
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    if not trials:
+        raise ValueError("the dataset has no cut trial; tracing needs at least one of kind 'cut'")
+    if dataset.tool.kind in LEVEL_KINDS:
+        speeds, orders = np.array([trial.spindle_speed_rev_s for trial in trials]), 0
+    elif about_rev_s is None:
+        speeds = spindle_speeds(trials, dataset.tool)
+    else:
+        pairs = zip(trials, about_rev_s, strict=True)
+        speeds = np.array([spindle_speed(trial, dataset.tool.teeth, float(f)) for trial, f in pairs])
+    if orders is None:
+        orders = _highest_order(dataset, band_hz, float(speeds.min()))
+    parts = [
+        _one(trial, speed, orders, dataset.sensor.sample_rate_hz, band_hz)
+        for trial, speed in zip(trials, speeds, strict=True)
+    ]
+    energy, rest, whitened, factor, present, samples = (np.stack(part) for part in zip(*parts, strict=True))
+    return Lines(
+        files=tuple(trial.file for trial in trials),
+        speed_rev_s=speeds,
+        samples=samples.astype(float),
+        energy_n2=energy,
+        rest_n2=rest,
+        whitened=whitened,
+        factor=factor,
+        present=present,
+        orders=orders,
+        band_hz=band_hz,
+    )
+
+
+def turns(angle_rad: Array, orders: int) -> NDArray[np.complexfloating]:
+    """[orders + 1, T] exp(i n th) for n = 0..orders."""
+    power = np.empty((orders + 1, len(angle_rad)), dtype=complex)
+    power[0], known = 1.0, 1
+    while known <= orders:
+        more = min(known, orders + 1 - known)
+        np.multiply(power[:more], np.exp(1j * known * angle_rad), out=power[known : known + more])
+        known += more
+    return power
+
+
+def basis(angle_rad: Array, orders: int) -> Array:
+    """[T, 2 orders + 1] columns 1, cos n th, sin n th for n = 1..orders, in that order of n."""
+    columns = np.empty((2 * orders + 1, len(angle_rad)))
+    power = turns(angle_rad, orders)
+    columns[0], columns[1::2], columns[2::2] = 1.0, power[1:].real, power[1:].imag
+    return columns.T
+
+
+def order_of_columns(orders: int) -> NDArray[np.int64]:
+    """[2 orders + 1] order of each column of `basis`."""
+    return np.concatenate([[0], np.repeat(np.arange(1, orders + 1), 2)])
+
+
+def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s: float) -> int:
+    """Highest order that falls, or folds, into the band and passes the known anti-alias filter.
+
+    Without a filter all of them fold, and what a tooth does at entry and exit falls off slowly: as many are
+    taken then as the records can tell apart.
+    """
+    sensor, most = dataset.sensor, _MOST_ORDERS
+    wanted = max(_TOOTH_HARMONICS * dataset.tool.teeth, int(band_hz[1] / slowest_rev_s))
+    if sensor.anti_alias is None:
+        shortest = min(len(trial.time_s) for trial in dataset.trials if trial.kind == "cut")
+        most = max(most, min(_MOST_UNFILTERED, shortest // _SAMPLES_PER_ORDER))
+        wanted = max(wanted, min(_UNFILTERED_HARMONICS * dataset.tool.teeth, most))
+    else:
+        audible_hz = sensor.anti_alias.hz * _INAUDIBLE ** (1.0 / sensor.anti_alias.order)
+        wanted = max(wanted, int(audible_hz / slowest_rev_s))
+    order = np.arange(1, min(wanted, most) + 1)
+    frequency = order * slowest_rev_s
+    heard = _folded(frequency, sensor.sample_rate_hz) <= band_hz[1] + _BESIDE * slowest_rev_s
+    if sensor.anti_alias is not None:
+        alias = sensor.anti_alias
+        heard &= (frequency / alias.hz) ** alias.order < _INAUDIBLE
+    highest = int(order[heard].max(initial=1))
+    # in few sizes, so that what is compiled for one data set serves others
+    return next((size for size in _SIZES if size >= highest), most)
+
+
+def _folded(frequency_hz: Array, rate_hz: float) -> Array:
+    """Frequencies at which lines appear after sampling, Hz."""
+    return np.abs(frequency_hz - rate_hz * np.round(frequency_hz / rate_hz))
+
+
+def _one(
+    trial: Trial, speed: float, orders: int, rate_hz: float, band_hz: tuple[float, float]
+) -> tuple[Array, Array, Array, Array, Array, int]:
+    record = band_limit(trial.force_n, rate_hz, band_hz)
+    columns = basis(spindle_angle(trial, speed), orders)
+    order = order_of_columns(orders)
+    folded = _folded(order * speed, rate_hz)
+    beside = _BESIDE * speed
+    present = ((folded >= band_hz[0] - beside) & (folded <= band_hz[1] + beside)).astype(float)
+    # the same filter as on the record: a line just outside the band leaks into it alike
+    columns = band_limit(columns * present, rate_hz, band_hz)
+    if len(record) <= 2 * present.sum():
+        raise ValueError(
+            f"{trial.file}: {len(record)} samples cannot tell {int(present.sum())} lines apart; "
+            "give a longer trial or a narrower --band"
+        )
+    gram = columns.T @ columns + np.diag(np.where(present > 0, _RIDGE * len(record), 1.0))
+    factor = np.linalg.cholesky(gram)
+    whitened = solve_triangular(factor, columns.T @ record, lower=True)
+    energy = np.sum(record**2, axis=0)
+    rest = np.maximum(energy - np.sum(whitened**2, axis=0), 0.0)
+    return energy, rest, whitened, factor, present, len(record)

@@ -1,0 +1,1 @@
+"""report.html: the finding in words and figures."""

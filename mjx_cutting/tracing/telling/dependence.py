@@ -1,0 +1,307 @@
+"""What a residual still depends on: tests of independence against every covariate at hand.
+
+A simulator's residual need not be white, but it must not depend on what the simulator knows. Within a trial
+the residual is tested for lines at spindle orders (tooth passing apart), for drift along the trial, for
+memory and for a tie between axes; across trials its size, and the factor by which the force is larger than
+predicted, are tested against feed, speed, depth, cut length and clock time by Spearman's rank correlation
+with permutations, because trials, not samples, are the independent units. A factor that all trials share at
+the same place is told from one that changes with time. `share` is the part of the residual's energy that
+goes with the covariate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.naming.decision import TOLERANCE
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.lines import basis, order_of_columns
+from mjx_cutting.trials.dataset import Dataset
+
+Array = NDArray[np.floating]
+SIGNIFICANT = 0.001
+NOTICEABLE = 0.02
+_SLOW_TERMS = 6
+_PERMUTATIONS = 4000
+_RIDGE = 1e-9
+_SHARE_OF_OWN = 0.5
+_MOVING = 0.01
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """What a residual does with one covariate.
+
+    Fields: `p_value` of chance; `share` of the residual energy that goes with the covariate; `of_force`, the
+    same as a root mean square over that of the force; `look_for`, in words.
+    """
+
+    covariate: str
+    p_value: float
+    share: float
+    of_force: float
+    look_for: str
+
+    @property
+    def found(self) -> bool:
+        """True where it is beyond chance, and more than any model's own calculation may be off."""
+        return self.p_value < SIGNIFICANT and self.share > NOTICEABLE and self.of_force > TOLERANCE
+
+
+_LOOK_FOR = {
+    "spindle order": "something that repeats once per revolution: runout, pitch, a damaged tooth, unbalance",
+    "tooth phase": "the force under a tooth: edge law, engagement, a filter or resonance on tooth passing",
+    "time in trial": "drift or change along the path: entry and exit, wear, heating, a layered sheet",
+    "position": "force larger or smaller at the same place in every trial: the sheet, its clamping, the pose",
+    "feed": "an edge law that is not linear in chip thickness",
+    "spindle speed": "a response in Hz (structure, sensor) or a law that depends on cutting speed",
+    "feed with spindle speed": "a law in which the two act together: heat, rate of strain",
+    "radial depth": "compliance, friction on the engaged area, clogging",
+    "cut length": "flank wear",
+    "clock time": "thermal drift of the sensor",
+    "previous force": "memory or a line at a fixed frequency: a mode of the structure, mains pickup, chatter",
+    "another axis": "crosstalk of the sensor or forces turned between the axes",
+}
+
+
+def dependences(
+    dataset: Dataset, predictions: Sequence[Prediction], teeth: int, orders: int
+) -> tuple[Dependence, ...]:
+    """All tests on the residuals of a dataset's cut trials, the strongest first."""
+    band = _independent_share(dataset, predictions)
+    split = [_split(each, orders) for each in predictions]
+    found = [*_periodic(split, teeth, orders, band), _slow(predictions, band)]
+    found.append(_place(dataset, predictions, band))
+    found += [_memory(split, band), _axes(predictions, band)]
+    found += _across(dataset, predictions)
+    left, force = (
+        sum(float(np.sum(getattr(p, name) ** 2)) for p in predictions)
+        for name in ("residual_n", "measured_n")
+    )
+    ratio = left / max(force, 1e-300)
+    told = [replace(each, of_force=float(np.sqrt(each.share * ratio))) for each in found]
+    return tuple(sorted(told, key=lambda each: (each.p_value, -each.share)))
+
+
+def _entry(covariate: str, p_value: float, share: float) -> Dependence:
+    return Dependence(covariate, float(p_value), float(np.clip(share, 0.0, 1.0)), 0.0, _LOOK_FOR[covariate])
+
+
+def _independent_share(dataset: Dataset, predictions: Sequence[Prediction]) -> float:
+    """Independent samples per sample: a band-limited record has 2 B of them a second."""
+    energy = np.mean(
+        [np.abs(np.fft.rfft(p.residual_n - p.residual_n.mean(axis=0), axis=0)) ** 2 for p in predictions[:1]],
+        axis=0,
+    )
+    spectrum = energy.sum(axis=1)
+    return float(np.clip(np.mean(spectrum > 1e-9 * spectrum.max()), 1e-3, 1.0))
+
+
+class _Split(NamedTuple):
+    """A residual without its mean: `left` [T, 3], its lines' coefficients on `columns` [T, 2 orders] and what
+    lies between the lines, `rest` [T, 3]."""
+
+    left: Array
+    columns: Array
+    weights: Array
+    rest: Array
+
+
+def _split(prediction: Prediction, orders: int) -> _Split:
+    left = prediction.residual_n - prediction.residual_n.mean(axis=0)
+    columns = basis(prediction.angle_rad, orders)[:, 1:]
+    gram = columns.T @ columns
+    gram.flat[:: len(gram) + 1] += _RIDGE * len(left)
+    weights = np.linalg.solve(gram, columns.T @ left)
+    return _Split(left, columns, weights, left - columns @ weights)
+
+
+def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float) -> list[Dependence]:
+    """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between."""
+    order = order_of_columns(orders)[1:]
+    passing = (order % teeth) == 0
+    energy, line, count = np.zeros(2), np.zeros(2), np.zeros(2)
+    whole, freedom = 0.0, 0.0
+    for left, columns, weights, rest in split:
+        line += [np.sum((columns[:, mask] @ weights[mask]) ** 2) for mask in (passing, ~passing)]
+        count += 3 * np.array([passing.sum(), (~passing).sum()])
+        energy += np.sum(rest**2)
+        whole += float(np.sum(left**2))
+        freedom += max(3 * (band * len(left) - columns.shape[1]), 1.0)
+    results = []
+    for index, name in enumerate(("tooth phase", "spindle order")):
+        if count[index] == 0 or whole == 0:
+            continue
+        statistic = (line[index] / count[index]) / max(energy[index] / freedom, 1e-300)
+        results.append(_entry(name, stats.f.sf(statistic, count[index], freedom), line[index] / whole))
+    return results
+
+
+def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
+    """A slow curve along each trial: the mean and the size of the residual against time."""
+    line, whole, between, freedom, count = 0.0, 0.0, 0.0, 0.0, 0
+    for each in predictions:
+        left = each.residual_n - each.residual_n.mean(axis=0)
+        u = 2.0 * (each.time_s - each.time_s[0]) / (each.time_s[-1] - each.time_s[0]) - 1.0
+        columns = np.polynomial.chebyshev.chebvander(u, _SLOW_TERMS)[:, 1:]
+        weights, *_ = np.linalg.lstsq(columns, left, rcond=None)
+        explained = float(np.sum((columns @ weights) ** 2))
+        line, whole = line + explained, whole + float(np.sum(left**2))
+        between += float(np.sum(left**2)) - explained
+        freedom += 3 * max(band * len(left) - _SLOW_TERMS, 1.0)
+        count += 3 * _SLOW_TERMS
+    statistic = (line / count) / max(between / freedom, 1e-300)
+    return _entry("time in trial", stats.f.sf(statistic, count, freedom), line / max(whole, 1e-300))
+
+
+def _place(dataset: Dataset, predictions: Sequence[Prediction], band: float) -> Dependence:
+    """A factor on the force that changes with the place along the path, the same in every trial; unless one
+    that changes with time does as much, or a curve of each trial's own does far more."""
+    trials = {trial.file: trial for trial in dataset.trials}
+    places = [along_path(trials[each.file]) for each in predictions]
+    times = [each.time_s - each.time_s[0] for each in predictions]
+    left = [each.residual_n - each.residual_n.mean(axis=0) for each in predictions]
+    whole = sum(float(np.sum(each**2)) for each in left)
+    common, own = _factor_along(places, predictions, left)
+    in_time, _ = _factor_along(times, predictions, left)
+    freedom = sum(3 * max(band * len(each) - _SLOW_TERMS, 1.0) for each in left)
+    statistic = (common / _SLOW_TERMS) / max((whole - common) / freedom, 1e-300)
+    told = common > max(in_time, _SHARE_OF_OWN * own)
+    return _entry(
+        "position", stats.f.sf(statistic, _SLOW_TERMS, freedom) if told else 1.0, common / max(whole, 1e-300)
+    )
+
+
+def _factor_along(
+    ways: Sequence[Array], predictions: Sequence[Prediction], left: Sequence[Array]
+) -> tuple[float, float]:
+    """Energy that a slow factor along the ways takes away: one curve for all trials, one for each."""
+    low, high = min(float(way.min()) for way in ways), max(float(way.max()) for way in ways)
+    square, product, own = np.zeros((_SLOW_TERMS, _SLOW_TERMS)), np.zeros(_SLOW_TERMS), 0.0
+    for way, each, rest in zip(ways, predictions, left, strict=True):
+        u = 2.0 * (way - low) / max(high - low, 1e-12) - 1.0
+        curve = np.polynomial.chebyshev.chebvander(u, _SLOW_TERMS)[:, 1:]
+        columns = (each.predicted_n - each.bias_n)[..., None] * curve[:, None, :]
+        columns = (columns - columns.mean(axis=0)).reshape(-1, _SLOW_TERMS)
+        gram, toward = columns.T @ columns, columns.T @ rest.ravel()
+        square, product = square + gram, product + toward
+        own += float(toward @ np.linalg.pinv(gram, rcond=_RIDGE, hermitian=True) @ toward)
+    return float(product @ np.linalg.pinv(square, rcond=_RIDGE, hermitian=True) @ product), own
+
+
+def _memory(split: Sequence[_Split], band: float) -> Dependence:
+    """Correlation, about one independent sample apart, of what lies between the spindle's lines.
+
+    It is counted from that of white noise in the same band.
+    """
+    lag = max(1, round(1.0 / band))
+    product, between, whole, count, expected = 0.0, 0.0, 0.0, 0, 0.0
+    for left, _, _, rest in split:
+        product += float(np.sum(rest[lag:] * rest[:-lag]))
+        between += float(np.sum(rest**2))
+        whole += float(np.sum(left**2))
+        count += int(3 * band * len(left))
+        expected += _of_white_noise(left, lag) * float(np.sum(rest**2))
+    correlation = (product - expected) / max(between, 1e-300)
+    share = correlation**2 * between / max(whole, 1e-300)
+    return _entry("previous force", 2.0 * stats.norm.sf(abs(correlation) * np.sqrt(count)), share)
+
+
+def _of_white_noise(record: Array, lag: int) -> float:
+    """Correlation of white noise at `lag` samples, in the band that the record occupies."""
+    spectrum = np.sum(np.abs(np.fft.rfft(record, axis=0)) ** 2, axis=1)
+    heard = spectrum > 1e-9 * spectrum.max()
+    turn = 2.0 * np.pi * lag * np.arange(len(spectrum)) / len(record)
+    return float(np.sum(heard * np.cos(turn)) / np.sum(heard))
+
+
+def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
+    """Largest correlation between the residuals of two axes."""
+    left = np.concatenate([each.residual_n - each.residual_n.mean(axis=0) for each in predictions])
+    scale = np.sqrt(np.maximum(np.sum(left**2, axis=0), 1e-300))
+    correlation = (left.T @ left) / np.outer(scale, scale)
+    strongest = float(np.max(np.abs(correlation - np.diag(np.diag(correlation)))))
+    p_value = min(1.0, 3.0 * 2.0 * stats.norm.sf(strongest * np.sqrt(band * len(left))))
+    return _entry("another axis", p_value, strongest**2)
+
+
+def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Dependence]:
+    """Size of each trial's residual, its level, and the factor by which its force is off, against the trial's
+    conditions; what all trials share goes with none."""
+    trials = {trial.file: trial for trial in dataset.trials}
+    size = np.array([float(np.mean(each.residual_n**2)) for each in predictions])
+    varies = 1.0 - float(size.min()) / max(float(size.mean()), 1e-300)
+    factor, factored = _factors(predictions)
+    levels = np.stack([each.residual_n.mean(axis=0) for each in predictions])
+    levelled = [len(each.time_s) * level**2 for each, level in zip(predictions, levels, strict=True)]
+    on_axis = np.sum(levelled, axis=0) / max(sum(float(np.sum(p.residual_n**2)) for p in predictions), 1e-300)
+    covariates = {
+        "feed": [trials[p.file].feed_speed_m_s for p in predictions],
+        "spindle speed": [trials[p.file].spindle_speed_rev_s for p in predictions],
+        "radial depth": [trials[p.file].radial_depth_m for p in predictions],
+        "cut length": [trials[p.file].cut_length_before_m for p in predictions],
+        "clock time": [trials[p.file].clock_start_s for p in predictions],
+    }
+    results = []
+    for name, values in covariates.items():
+        if len(set(values)) < 3 or len(size) < 4 or np.ptp(size) == 0.0:
+            continue
+        at = np.asarray(values)
+        tests = [_ranked(at, size, varies), _straight(at, factor, factored)]
+        by_axis = [_straight(at, *axis) for axis in zip(levels.T, on_axis, strict=True)]
+        tests.append((len(by_axis) * min(by_axis)[0], sum(share for _, share in by_axis)))
+        p_value, share = min(tests)
+        results.append(_entry(name, min(1.0, len(tests) * p_value), share))
+    feed, speed = (stats.rankdata(covariates[name]) for name in ("feed", "spindle speed"))
+    together = (feed - feed.mean()) * (speed - speed.mean())
+    if len(set(feed)) > 2 and len(set(speed)) > 2 and len(factor) > 5:
+        results.append(_entry("feed with spindle speed", *_straight(together, factor, factored)))
+    return results
+
+
+def _ranked(values: Array, figure: Array, energy: float) -> tuple[float, float]:
+    """Chance of the rank correlation of a trial's figure with a condition, and the share of energy in it."""
+    rank = stats.spearmanr(values, figure).statistic
+    shuffled = _shuffled_ranks(values, figure)
+    p_value = (1 + np.sum(np.abs(shuffled) >= abs(rank) - 1e-12)) / (1 + len(shuffled))
+    return float(p_value), float(rank**2 * energy)
+
+
+def _straight(values: Array, factor: Array, energy: float) -> tuple[float, float]:
+    """The same for a factor or a level, straight over the ranks of the condition."""
+    if np.ptp(factor) == 0.0:
+        return 1.0, 0.0
+    found = stats.pearsonr(stats.rankdata(values), factor)
+    return float(found.pvalue), float(found.statistic**2 * energy)
+
+
+def _factors(predictions: Sequence[Prediction]) -> tuple[Array, float]:
+    """[R] by how much of itself each trial's force is larger than predicted; share of energy that this is.
+
+    Read from what changes within the trial, where it does: the mean may be a bias.
+    """
+    told = [each.predicted_n - each.bias_n for each in predictions]
+    moving = [each - each.mean(axis=0) for each in told]
+    if sum(float(np.sum(each**2)) for each in moving) > _MOVING * sum(float(np.sum(a**2)) for a in told):
+        told = moving
+    size = np.array([float(np.sum(each**2)) for each in told])
+    product = np.array([float(np.sum(a * b.residual_n)) for a, b in zip(told, predictions, strict=True)])
+    whole = sum(float(np.sum(each.residual_n**2)) for each in predictions)
+    share = float(np.sum(product**2 / np.maximum(size, 1e-300))) / max(whole, 1e-300)
+    return product / np.maximum(size, 1e-300), share
+
+
+def _shuffled_ranks(values: Array, size: Array) -> Array:
+    """Rank correlations under random pairings, from a fixed seed."""
+    generator = np.random.default_rng(0)
+    first, second = stats.rankdata(values), stats.rankdata(size)
+    first, second = first - first.mean(), second - second.mean()
+    norm = np.sqrt(np.sum(first**2) * np.sum(second**2))
+    return np.array([first @ generator.permutation(second) for _ in range(_PERMUTATIONS)]) / norm

@@ -1,0 +1,279 @@
+"""The verdict in the format mjx-cutting-verdict/1: what is missing, how sure that is, what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
+from mjx_cutting.tracing.along.slow import SlowRound
+from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.problem import Problem, shared_bias
+from mjx_cutting.tracing.naming.candidate import Candidate, Round
+from mjx_cutting.tracing.naming.decision import Interval, surely
+from mjx_cutting.tracing.naming.search import Search
+from mjx_cutting.tracing.records.course import feeds_differ
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.tracing.records.noise import noise_floor
+from mjx_cutting.tracing.telling.dependence import Dependence
+from mjx_cutting.tracing.telling.separation import separations
+from mjx_cutting.tracing.telling.unseen import BESIDE_LINES, needs
+from mjx_cutting.trials.dataset import Dataset
+
+FORMAT = "mjx-cutting-verdict/1"
+AT_FLOOR = 1.1
+TIED = 2.0
+_TELLING = 5.0
+_CLEARLY = 1.5
+_CLEARLY_OF_LEVELS = 3.0
+_MUCH = 0.01
+_NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
+_WIDER = "trials over a wider range of speed and feed"
+
+
+def verdict(
+    dataset: Dataset,
+    lines: Lines,
+    found: Search,
+    slow: Sequence[SlowRound],
+    before: Sequence[Dependence],
+    after: Sequence[Dependence],
+    evidence: dict[str, list[str]],
+) -> dict[str, Any]:
+    """The verdict as a dictionary ready for verdict.json.
+
+    Arguments:
+        dataset, lines: the data and its lines.
+        found, slow: the outcome of the searches over steady effects and over those along a trial.
+        before, after: what the residual depends on under the base and under the final model.
+        evidence: sentences for each accepted effect, by name.
+    """
+    floor = noise_floor(dataset, lines)
+    least = reached(floor, found.problem.tolerance)
+    accepted = [each for each in found.rounds if each.accepted is not None]
+    ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
+    named = [_effect(each, own, evidence) for each, own in zip(accepted, found.intervals, strict=True)]
+    for each in slow:
+        if each.accepted:
+            _add(named, _effect(each, each.accepted.decision.parameters, evidence))
+    end = final(found, slow)
+    left = [each for each in after if each.found]
+    return {
+        "format": FORMAT,
+        "verdict": _word(
+            found.base, end, least, bool(named), bool(ambiguous), _shown(before, dataset, found, least), left
+        ),
+        "before": _errors(found.base, lines),
+        "after": _errors(end, lines),
+        "noise_floor_nrmse": floor,
+        "band_hz": list(lines.band_hz),
+        "effects": named,
+        "ambiguous": ambiguous,
+        "not_testable": not_testable(dataset),
+        "remaining": _remaining(found.base, end, left),
+        "left_out": [{"file": each.file, "reason": each.reason} for each in dataset.left_out],
+    }
+
+
+def final(found: Search, slow: Sequence[SlowRound]) -> HeldOut:
+    """Error on held-out trials of the model with everything accepted."""
+    return next((each.accepted.heldout for each in reversed(slow) if each.accepted), found.final)
+
+
+def not_testable(dataset: Dataset) -> list[dict[str, str]]:
+    """Registered effects whose telling covariate is absent, or that tracing cannot look for."""
+    missing = []
+    slow = {kind.name for kind in KINDS}
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    for name in _physical():
+        absent = [need for need in effect_class(name).needs if not has(dataset, need)]
+        if absent:
+            missing.append({"name": name, "needs": ", ".join(absent)})
+        elif dataset.tool.kind in LEVEL_KINDS and not (name in slow or _shows_in_levels(effect_class(name))):
+            missing.append({"name": name, "needs": "a cutter whose force changes over a turn"})
+        elif name in BY_PLACE and not feeds_differ([trial.feed_speed_m_s for trial in cuts]):
+            missing.append({"name": name, "needs": "cuts at different feeds, which tell a place from a time"})
+        elif not effect_class(name).steady and name not in slow and name not in BESIDE_LINES:
+            missing.append({"name": name, "needs": needs(name)})
+    return missing
+
+
+def _shows_in_levels(kind: type[AbstractEffect]) -> bool:
+    """Whether an effect changes the level of a tool that is always engaged; one in the lines does not."""
+    in_lines = kind.transfer is not AbstractEffect.transfer
+    return kind.steady and kind.stage in ("edge", "sensor") and not in_lines
+
+
+def testable(dataset: Dataset) -> list[type[AbstractEffect]]:
+    """Effects tried without being asked for: all registered ones that these trials can test."""
+    absent = {entry["name"] for entry in not_testable(dataset)}
+    return [effect_class(name) for name in _physical() if name not in absent]
+
+
+def _physical() -> list[str]:
+    """Names of the effects that are causes."""
+    return [name for name in effect_names() if effect_class(name).physical]
+
+
+def has(dataset: Dataset, need: str) -> bool:
+    """Whether the trials carry a covariate an effect needs."""
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    present = {
+        "position": any(trial.position_m is not None for trial in cuts),
+        "spindle angle": any(trial.spindle_angle_rad is not None for trial in cuts),
+        "spindle speed": any(trial.spindle_speed_measured_rev_s is not None for trial in cuts),
+        "feed speed": any(trial.feed_speed_measured_m_s is not None for trial in cuts),
+        "air cut": any(trial.kind == "air" for trial in dataset.trials),
+        "cut length": len({trial.cut_length_before_m for trial in cuts}) > 1,
+        "clock": dataset.sensor.zeroed == "session" and len({trial.clock_start_s for trial in cuts}) > 1,
+    }
+    return present.get(need, False)
+
+
+def _word(
+    base: HeldOut,
+    end: HeldOut,
+    least: float,
+    named: bool,
+    tied: bool,
+    shown: bool,
+    left: list[Dependence],
+) -> str:
+    if not named:
+        return "unexplained" if shown else "nothing missing"
+    if tied:
+        return "ambiguous"
+    return "partly explained" if end.nrmse > least or left else "explained"
+
+
+def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least: float) -> bool:
+    """Whether something is missing: the residual depends on something, or is clearly more than noise.
+
+    Levels, of which a trial has one, scatter more than the noise within a trial. Where that noise had to be
+    read beside the lines, all that is not periodic counts as noise; no noise follows the path or the session.
+    """
+    clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
+    shown = [each for each in before if each.found]
+    follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
+    return found.base.nrmse > clearly * least or (found.base.nrmse > least and bool(shown)) or follows
+
+
+def reached(floor: float, tolerance: float) -> float:
+    """Heldout NRMSE up to which a model is as good as the noise floor, and its own tolerance, let it be."""
+    return float(np.hypot(AT_FLOOR * floor, tolerance))
+
+
+def _errors(heldout: HeldOut, lines: Lines) -> dict[str, Any]:
+    return {
+        "heldout_nrmse": heldout.nrmse,
+        "per_axis": _plain(heldout.per_axis),
+        "per_trial": dict(zip(lines.whole_files, _plain(heldout.per_trial), strict=True)),
+    }
+
+
+def _effect(
+    each: Round | SlowRound, values: dict[str, Interval], evidence: dict[str, list[str]]
+) -> dict[str, Any]:
+    assert each.accepted is not None
+    runner_up = each.runner_up
+    return {
+        "name": each.accepted.kind.name,
+        "heldout_gain": each.accepted.decision.gain,
+        "gain_standard_error": _plain(each.accepted.decision.gain_standard_error),
+        "parameters": {name: _parameter(value) for name, value in values.items()},
+        "runner_up": None
+        if runner_up is None
+        else {"name": runner_up.kind.name, "heldout_nrmse": runner_up.heldout.nrmse},
+        "evidence": evidence.get(each.accepted.kind.name, []),
+    }
+
+
+def _add(named: list[dict[str, Any]], found: dict[str, Any]) -> None:
+    """Add an effect to those named; of several layers or harmonics the strongest stands for all, and what it
+    is joined by is told as evidence."""
+    first = next((each for each in named if each["name"] == found["name"]), None)
+    if first is None:
+        named.append(found)
+        return
+    first["heldout_gain"] += found["heldout_gain"]
+    values = (
+        (name, each.get("values", each["value"]), each["unit"]) for name, each in found["parameters"].items()
+    )
+    told = ", ".join(
+        f"{name} {np.array2string(np.asarray(value), precision=4)} {unit}" for name, value, unit in values
+    )
+    first["evidence"] = [*first["evidence"], f"and another: {told}"]
+
+
+def _parameter(found: Interval) -> dict[str, Any]:
+    """One parameter: the surest value, and all of them where there are several."""
+    told: dict[str, Any] = {"value": found.value, "low": found.low, "high": found.high}
+    if found.values:
+        value, half = np.asarray(found.values), np.asarray(found.half)
+        told |= {"values": value, "lows": value - half, "highs": value + half}
+    return {**{name: _plain(each) for name, each in told.items()}, "unit": found.unit}
+
+
+def _tie(each: Round, dataset: Dataset, lines: Lines, found: Search) -> dict[str, Any] | None:
+    """The accepted effect and another that is not worse beyond two standard errors and passed every test, or
+    all but that which would tell the two apart."""
+    assert each.accepted is not None
+    best = each.accepted.heldout
+    for other in each.candidates:
+        if other is each.accepted or not (other.decision.accepted or other.decision.untold):
+            continue
+        second, first = (each.error_n2.sum(axis=1) for each in (other.heldout, best))
+        gap = second - first
+        if max(surely(gap), surely(gap / np.maximum(second + first, 1e-300))) <= TIED:
+            first = np.ravel(best.error_n2 - each.before.error_n2)
+            second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
+            cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300)
+            return {
+                "names": [each.accepted.kind.name, other.kind.name],
+                "cosine": float(cosine),
+                "separating_trial": _settles(each.accepted, other, dataset, lines, found.problem),
+            }
+    return None
+
+
+def _settles(first: Candidate, second: Candidate, dataset: Dataset, lines: Lines, problem: Problem) -> str:
+    """The cheapest further trial that tells two candidates apart, in words, with what it would bring."""
+    known = first.kind.confused_with.get(second.kind.name) or second.kind.confused_with.get(first.kind.name)
+    if dataset.tool.kind in LEVEL_KINDS:
+        return known or _WIDER
+    models = first.fit.model, second.fit.model
+    bias = shared_bias(problem, first.fit.x), shared_bias(problem, second.fit.x)
+    best = separations(dataset, lines, problem, *models, bias)[0]
+    if best.sigma < _TELLING:
+        return f"{known or _WIDER}; no repeat of a trial at another feed, depth or speed would do it"
+    also = f"; {known}" if known else ""
+    return f"{best.trial}: the two predictions of it lie {best.sigma:.0f} standard deviations apart{also}"
+
+
+def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence]) -> dict[str, Any]:
+    share = float(end.error_n2.sum() / max(base.error_n2.sum(), 1e-300))
+    if left:
+        says = "; ".join(
+            f"{each.covariate} ({each.share:.0%} of what is left): {each.look_for}" for each in left
+        )
+        text = f"what is left still depends on {says}"
+    else:
+        text = "what is left depends on nothing that was measured"
+    return {
+        "depends_on": [each.covariate for each in left],
+        "description": text,
+        "share_of_energy": share,
+    }
+
+
+def _plain(value: Any) -> Any:
+    array: NDArray[np.floating] = np.asarray(value, dtype=float)
+    listed = np.where(np.isfinite(array), array, np.nan).tolist()
+    if isinstance(listed, list):
+        return [None if each != each else each for each in listed]
+    return None if listed != listed else listed
