@@ -22,7 +22,7 @@ from mjx_cutting.tracing.guards.own_gain import rather_a_factor
 from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
 from mjx_cutting.tracing.guards.smeared import rather_smeared
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
-from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of
 from mjx_cutting.tracing.records.lines import Lines
 
 _STEPS = 20
@@ -85,7 +85,8 @@ def try_effect(
     tries = sum(len(each.starts(problem.tool)) for each in tried)
     p = beyond_chance(problem, lines, effects[:-1], before, effects, found, tries)
     own = parameters(problem, lines, effects, found, after)[-1]
-    decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance)
+    axes = axes_of(problem.tool.kind)
+    decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance, axes=axes)
     if decision.accepted:
         why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
         why = why or rather_smeared(problem, lines, effects, found.x)

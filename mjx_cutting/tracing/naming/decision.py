@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -254,10 +255,11 @@ def decide(
     over_trials: bool = True,
     tolerance: float = TOLERANCE,
     in_range: bool = True,
+    axes: Sequence[str] = ("x", "y", "z"),
 ) -> Decision:
     """Apply the four tests; `over_trials` False leaves out that of the gain's standard error over trials,
     `in_range` False that of the range, of which `physical` then tells; `tolerance` is the share of the force
-    that a model's own calculation may be off."""
+    that a model's own calculation may be off; `axes` names what was measured."""
     gain, error = gain_over_trials(before, after)
     within = gain < STANDARD_ERRORS * error and chance_over_trials(before, after, 1) > CHANCE
     reasons, scattered = [], False
@@ -279,7 +281,7 @@ def decide(
         reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
     if not scattered and (axis := _paid_by(before, after, tolerance)) is not None:
         reasons.append(
-            f"predicts {'xyz'[axis]} worse on held-out trials ({before.per_axis[axis]:.4f} to "
+            f"predicts {axes[axis]} worse on held-out trials ({before.per_axis[axis]:.4f} to "
             f"{after.per_axis[axis]:.4f} of what it measures) to have the others better"
         )
     nil = {

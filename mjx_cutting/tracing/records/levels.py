@@ -22,6 +22,11 @@ _TRIMMED = 0.1
 _FEWEST = 8
 
 
+def axes_of(kind: str) -> tuple[str, str, str]:
+    """What the three columns of the force are for a tool of this kind."""
+    return ("nothing", "torque", "thrust") if kind == "drill" else ("x", "y", "z")
+
+
 def as_levels(dataset: Dataset) -> Dataset:
     """The dataset with every trial of a drill or turning tool cut down to its steady part; others unchanged.
 
