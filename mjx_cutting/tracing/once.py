@@ -22,6 +22,7 @@ from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.ends import entry_exit
 from mjx_cutting.tracing.along.pieces import in_pieces, of_whole_trials
+from mjx_cutting.tracing.along.ramps import ends_in_pieces
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound, search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.waves import courses
@@ -155,12 +156,22 @@ def once(
     found = _freed(first, steady, searches)
     if not all(each.decision.physical for each in found.along):
         found = searches.along(alone, alone.search.final)
-    found = _by_position(found, steady, replace(searches, posed=pose))
+    moving = [kind for kind in steady if kind.by_position]
+    found = _by_position(found, moving, replace(searches, posed=pose))
     why = _rather_the_rest(found)
     if why is None:
         return found
     bare = once(dataset, band_hz, kinds, (), seed, progress, posed)
     return replace(bare, search=replace(bare.search, rounds=(refused(found.search.rounds[0], why),)))
+
+
+def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Callable[[str], None]) -> Pass:
+    """The pass, or a better one over trials in pieces that finds an end of the sheet, where force is missing
+    at the ends of the path and none was found yet."""
+    looked_for = any(each.kind.name == ENDS for one in found.slow for each in one.candidates)
+    if not looked_for or any(kind.name == ENDS for kind in found.kinds):
+        return found
+    return _by_position(found, ends_in_pieces(found.dataset), _Searches(band_hz, (), seed, progress))
 
 
 def _rather_the_rest(found: Pass) -> str | None:
@@ -218,11 +229,10 @@ def near_floor(found: Pass) -> bool:
     return found.final.nrmse <= reached(floor, found.search.problem.tolerance)
 
 
-def _by_position(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:
-    """The pass, or the better one over trials in pieces that names an effect of which the response changes
-    along the path. Tried beside such are the most telling effects of the first round."""
+def _by_position(first: Pass, moving: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:
+    """The pass, or the better one over trials in pieces that names one of `moving`, of which the response
+    changes along the path. Tried beside such are the most telling effects of the first round."""
     dataset, rounds = first.dataset, first.search.rounds
-    moving = [kind for kind in kinds if kind.by_position]
     on_path = first.search.problem.motion is not None
     if on_path or not moving or near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
         return first

@@ -19,7 +19,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.fitting.prediction import wave
+from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.naming.decision import chance_over_trials, decide, interval
 from mjx_cutting.tracing.once import Pass
 from mjx_cutting.tracing.records.course import Course, along_path, felt_at

@@ -21,7 +21,7 @@ from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.naming.decision import gain_over_trials
-from mjx_cutting.tracing.once import Pass, for_use, near_floor, once
+from mjx_cutting.tracing.once import Pass, for_use, in_ramps, near_floor, once
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.sheet import inside_the_sheet
@@ -94,6 +94,7 @@ def trace(
             found = _if_better(once(dataset, band, kinds, steady, seed, progress, pose_on_path), bare)
         if found is None:
             found = inside_the_sheet(one_pass(dataset), one_pass)
+            found = in_ramps(found, band, seed, progress)
             found, cut_down = _where_engaged(found, one_pass)
         if any(kind.name == VIBRATION for kind in kinds):
             progress("lines off the spindle's multiples")

@@ -61,8 +61,10 @@ def of_whole_trials(found: Search, first: Search, dataset: Dataset, lines: Lines
     error = np.zeros_like(first.base.error_n2)
     for f in range(int(fold.max()) + 1):
         model = jax.tree.map(lambda leaf, f=f: leaf[f], fits.model)
-        told = predictions(dataset, lines, problem, model, shared_bias(problem, jnp.asarray(fits.x[f])))
-        for index in np.flatnonzero(fold == f):
+        held = np.flatnonzero(fold == f)
+        bias = shared_bias(problem, jnp.asarray(fits.x[f]))
+        told = predictions(dataset, lines, problem, model, bias, only=held)
+        for index in held:
             error[index] = np.sum(told[index].residual_n ** 2, axis=0)
     final = HeldOut(error, first.base.energy_n2, fits, fold)
     return replace(found, problem=problem, base_fit=first.base_fit, base=first.base, final=final)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import ForceModel, Material
-from mjx_cutting.tracing.fitting.prediction import Prediction, wave
+from mjx_cutting.tracing.fitting.moving import wave
+from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
 from mjx_cutting.tracing.records.course import Course, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s

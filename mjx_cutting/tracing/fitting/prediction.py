@@ -9,6 +9,7 @@ cut), so do the lines.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,11 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting import _platform
 from mjx_cutting.cutting import Cut, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
+from mjx_cutting.tracing.fitting.moving import MovingLines, wave
 from mjx_cutting.tracing.fitting.problem import Problem, by_position, model_lines, pose
 from mjx_cutting.tracing.fitting.residual import Residual, residual_of_lines
+from mjx_cutting.tracing.fitting.tuned import tuned_angle
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import as_levels
-from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band, turns
+from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band
 from mjx_cutting.tracing.records.spindle import spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
@@ -92,32 +95,43 @@ def predictions(
     model: ForceModel,
     shared_bias_n: ArrayLike = 0.0,
     still: bool = False,
+    only: Collection[int] | None = None,
 ) -> tuple[Prediction, ...]:
-    """The same from parts already made (call it in float64); the speeds are those of `lines`. `still`: with
-    one set of lines for a whole trial, as a fit has it."""
+    """The same from parts already made (call it in float64); the speeds are those of `lines`, but where lines
+    move along the path. `still`: with one set of lines for a whole trial, as a fit has it; `only`: places of
+    the trials that matter, whose angle is found again under moving lines; default all."""
     model, _ = _at_loaded_speed(model)
     knots = 0 if still else _KNOTS if by_position(model) else _FEW_KNOTS if grows(model) else 0
     places = _along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
-    phases, biases = np.asarray(left.phase_rad), np.asarray(left.bias_n)
-    rate_hz = dataset.sensor.sample_rate_hz
+    phases, biases = np.asarray(left.phase_rad), np.array(left.bias_n)
+    rate_hz, weight = dataset.sensor.sample_rate_hz, np.asarray(problem.weights)
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     results = []
     for index, trial in enumerate(trials):
-        angle = spindle_angle(trial, float(lines.speed_rev_s[index])) + phases[index]
+        speed = float(lines.speed_rev_s[index])
+        angle = spindle_angle(trial, speed) + phases[index]
+        measured = band_limit(trial.force_n, rate_hz, lines.band_hz)
         if places is None:
             force = wave(lines, index, angle, coefficients[index], rate_hz)
         else:
-            force = _moving_wave(lines, index, angle, np.asarray(places[index]), along_path(trial), rate_hz)
+            moving = MovingLines(lines, index, np.asarray(places[index]), along_path(trial), rate_hz)
+            if by_position(model) and (only is None or index in only):
+                known = trial.spindle_angle_rad is not None
+                angle = tuned_angle(moving, angle, known, problem.tool.teeth, measured, weight[index])
+                speed = float(np.ptp(angle) / np.ptp(trial.time_s) / (2.0 * np.pi))
+            force = moving.force(angle)
+            if by_position(model) and not problem.shared_bias:
+                biases[index] = (measured - force).mean(axis=0)
         results.append(
             Prediction(
                 file=trial.file,
                 time_s=trial.time_s - trial.time_s[0],
                 angle_rad=angle,
-                measured_n=band_limit(trial.force_n, rate_hz, lines.band_hz),
+                measured_n=measured,
                 predicted_n=force + biases[index],
-                speed_rev_s=float(lines.speed_rev_s[index]),
+                speed_rev_s=speed,
                 bias_n=biases[index],
             )
         )
@@ -151,32 +165,6 @@ def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None
     droop = next((each for each in model.effects if isinstance(each, SpindleDroop)), None)
     rest = tuple(each for each in model.effects if each is not droop)
     return ForceModel(model.tool, model.material, rest), droop
-
-
-def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate_hz: float) -> Array:
-    """[T, 3] force of given lines [orders + 1, 3] at the tool angles [T] of a trial, within the band, N."""
-    return band_limit(np.real(_turns(lines, trial, angle_rad) @ coefficients), rate_hz, lines.band_hz)
-
-
-def _turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.complexfloating]:
-    heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
-    return turns(angle_rad, lines.orders).T * heard
-
-
-def _moving_wave(
-    lines: Lines, trial: int, angle_rad: Array, places: NDArray, place_m: Array, rate_hz: float
-) -> Array:
-    """[T, 3] the same for lines [K, orders + 1, 3] at even steps of the way `place_m` [T]."""
-    knots = len(places)
-    turns = _turns(lines, trial, angle_rad)
-    way = (place_m - place_m.min()) / max(float(np.ptp(place_m)), 1e-12) * (knots - 1)
-    lower = np.minimum(way.astype(int), knots - 2)
-    force = np.empty((len(way), 3))
-    for knot in np.unique(lower):
-        here = lower == knot
-        near, next_ = (np.real(turns[here] @ places[each]) for each in (knot, knot + 1))
-        force[here] = near + (way[here] - knot)[:, None] * (next_ - near)
-    return band_limit(force, rate_hz, lines.band_hz)
 
 
 def grows(model: ForceModel) -> bool:

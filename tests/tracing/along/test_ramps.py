@@ -1,0 +1,30 @@
+"""The end of a sheet is found though most records end before the tool is fully in."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.study import make
+from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.along.ramps import ends_in_pieces
+
+
+def test_places_are_looked_for_from_the_first_touch_on(mill):
+    near, far = ends_in_pieces(mill())
+    assert near.places_m[0] == pytest.approx(-0.008)  # a slot of 16 mm: the radius before the path begins
+    assert near.places_m[-1] < far.places_m[-1]
+    assert (near.far, far.far) == (False, True)
+    at_start = near.build([1.0, 0.4], None).values()
+    assert at_start["start_m"] == pytest.approx(2e-3) and at_start["length_m"] >= 1e3
+
+
+@pytest.mark.slow
+def test_an_end_of_the_sheet_is_found_though_most_trials_stay_in_the_ramp():
+    """Of nine slots three go as far as the tool is wide; their speeds cannot be read from smeared lines."""
+    case = make("mill", {"entry_exit": "medium"}, 404)
+    verdict = trace(case.dataset, effects=("entry_exit", "helix_lag")).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["entry_exit"]
+    found, true = verdict["effects"][0]["parameters"], case.truth["effects"]["entry_exit"]
+    assert found["start_m"]["value"] == pytest.approx(true["start_m"], abs=1e-4)
+    assert found["share"]["value"] == pytest.approx(1.0, abs=0.05)
+    assert verdict["after"]["heldout_nrmse"] < 0.1 * verdict["before"]["heldout_nrmse"]
