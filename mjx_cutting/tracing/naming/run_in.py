@@ -8,7 +8,9 @@ does. Without this, force that rises fast and then slowly is a sensor's drift ra
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -24,15 +26,17 @@ from mjx_cutting.tracing.naming.candidate import Candidate, beyond_chance, try_e
 from mjx_cutting.tracing.naming.decision import CHANCE
 from mjx_cutting.tracing.records.lines import Lines
 
-_LAND_M = 1e-5
 _SHARES = (0.03, 0.1, 0.3)
 _STEPS = 10
 _WORTH_IT = 0.9
 
 
 class WearRunningIn(FlankWear):
-    """Flank wear with a run-in. Coordinates: kappa as of `FlankWear`, logarithms of the run-in's land (10 um)
-    and of its length (m)."""
+    """Flank wear with a run-in. Only kappa times the land shows, so the land at the longest length cut,
+    `longest_m`, is held at what even wear makes there. Coordinates: kappa as of `FlankWear`, the share of
+    that land that runs in (logit), the length it takes (logarithm, m)."""
+
+    longest_m: ClassVar[float]
 
     @classmethod
     def size(cls, tool: Tool) -> int:
@@ -41,12 +45,13 @@ class WearRunningIn(FlankWear):
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> WearRunningIn:
         steady = FlankWear.build(coordinates[:3], tool)
-        land, length = jnp.exp(coordinates[3:])
-        return cls(steady.kappa_n_m2, steady.rate, initial_m=_LAND_M * land, run_in_m=length)
+        share, length = jax.nn.sigmoid(coordinates[3]), jnp.exp(coordinates[4])
+        land = share * RATE * cls.longest_m / -jnp.expm1(-cls.longest_m / length)
+        return cls(steady.kappa_n_m2, (1.0 - share) * RATE, initial_m=land, run_in_m=length)
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.3, 0.5, 0.3, 0.0, 0.0]])
+        return np.asarray([[0.3, 0.5, 0.3, 0.0, np.log(0.1 * cls.longest_m)]])
 
 
 def with_run_in(
@@ -65,17 +70,13 @@ def with_run_in(
     """
     if found.kind is not FlankWear or not found.heldout.nrmse < _WORTH_IT * before_heldout.nrmse:
         return found
-    running_in: Effects = (*effects[:-1], WearRunningIn)
+    longest_m = float(np.max(np.asarray(problem.cut.cut_length_m)))
+    kind = type("WearRunningIn", (WearRunningIn,), {"longest_m": longest_m})
+    running_in: Effects = (*effects[:-1], kind)
     descent = Descent(problem, running_in)
-    starts = _starts(np.asarray(found.fit.x), float(np.max(np.asarray(problem.cut.cut_length_m))))
+    steady = np.asarray(found.fit.x)
+    starts = [np.append(steady, [0.0, np.log(share * longest_m)]) for share in _SHARES]
     best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
     more = try_effect(problem, lines, running_in, best, before, before_heldout, fold, tried)
     p = beyond_chance(problem, lines, effects, found.fit, running_in, more.fit, len(starts))
     return more if p <= CHANCE and more.heldout.nrmse < found.heldout.nrmse else found
-
-
-def _starts(steady: NDArray[np.floating], longest_m: float) -> NDArray[np.floating]:
-    """[n, U] half of the land from the run-in, over several shares of the length cut."""
-    land = np.log(RATE * longest_m / _LAND_M)
-    halved = np.concatenate([steady[:-3], 0.5 * steady[-3:]])
-    return np.asarray([[*halved, land, np.log(share * longest_m)] for share in _SHARES])

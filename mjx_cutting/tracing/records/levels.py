@@ -30,11 +30,17 @@ def axes_of(kind: str) -> tuple[str, str, str]:
 def as_levels(dataset: Dataset) -> Dataset:
     """The dataset with every trial of a drill or turning tool cut down to its steady part; others unchanged.
 
-    For drills the columns of `force_n` become nothing, torque (N m) and thrust (N).
+    For drills the columns of `force_n` become nothing, torque (N m) and thrust (N), which both count positive
+    against the cut, whichever way they were recorded.
     """
     if dataset.tool.kind not in LEVEL_KINDS:
         return dataset
-    return replace(dataset, trials=tuple(_level(trial, dataset.tool.kind) for trial in dataset.trials))
+    trials = [_level(trial, dataset.tool.kind) for trial in dataset.trials]
+    if dataset.tool.kind == "drill":
+        mean = np.mean([trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"], axis=0)
+        against = np.where(mean < 0.0, -1.0, 1.0)
+        trials = [replace(trial, force_n=against * trial.force_n) for trial in trials]
+    return replace(dataset, trials=tuple(trials))
 
 
 def _level(trial: Trial, kind: str) -> Trial:

@@ -13,11 +13,12 @@ LENGTHS_M = (0.0, 0.5, 1.5, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0)
 FEEDS_M = (5e-5, 2e-4, 1e-4)
 
 
-def _turned(land_m, seed: int = 0) -> Dataset:
-    """Nine cuts of one turning edge of which the wear land is `land_m(length cut)`."""
+def _turned(land_m, seed: int = 0, shorter: float = 1.0) -> Dataset:
+    """Nine cuts of one turning edge of which the wear land is `land_m(length cut)`, over 30 m or a session so
+    many times shorter."""
     generator, trials = np.random.default_rng(seed), []
     width, speed = 1e-3, 15.0
-    for index, length in enumerate(LENGTHS_M):
+    for index, length in enumerate(np.asarray(LENGTHS_M) / shorter):
         feed = FEEDS_M[index % 3]
         level = width * (np.array([0.8e9, 2e9, 0.4e9]) * feed + np.array([3e4, 3e4, 1e4]))
         level += width * land_m(length) * np.array([8e8, 4e8, 3e8])
@@ -50,6 +51,16 @@ def test_a_run_in_is_found_with_its_length():
     assert values["run_in_m"] == pytest.approx(2.0, rel=0.1)
     # only kappa times the land shows: the run-in's over that of a metre's steady wear
     assert values["initial_m"] / values["rate"] == pytest.approx(20.0, rel=0.1)
+
+
+def test_wear_that_only_runs_in_is_wear():
+    """Over one metre next to nothing wears evenly: kappa and the land could trade off without end."""
+    verdict = trace(_turned(lambda length: 4e-5 * -np.expm1(-length / 0.4), shorter=30.0)).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear" and verdict["verdict"] == "explained"
+    values = {name: each["value"] for name, each in wear["parameters"].items()}
+    assert values["run_in_m"] == pytest.approx(0.4, rel=0.2)
+    assert values["rate"] < 0.3 * values["initial_m"]
 
 
 def test_even_wear_is_told_without_a_run_in():

@@ -66,6 +66,19 @@ def test_only_the_steady_part_is_kept():
         assert np.all(trial.force_n[:, 0] == 0.0) and np.all(trial.force_n[:, 1:] > 0.0)
 
 
+def test_thrust_counts_positive_whichever_way_it_was_recorded():
+    """Else wear of a drill, which adds to the thrust, would be taken for the opposite of wear."""
+    made = _drills(20.0)
+    upward = replace(
+        made,
+        trials=tuple(replace(each, force_n=-each.force_n, torque_nm=-each.torque_nm) for each in made.trials),
+    )
+    for one, other in zip(as_levels(made).trials, as_levels(upward).trials, strict=True):
+        np.testing.assert_array_equal(one.force_n, other.force_n)
+    verdict = trace(upward, effects=("flank_wear", "size_effect")).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["flank_wear"]
+
+
 def test_wear_of_drills_is_named_on_drills_held_out():
     verdict = trace(_drills(20.0), effects=("flank_wear", "size_effect", "ploughing")).verdict
     assert [each["name"] for each in verdict["effects"]] == ["flank_wear"]
