@@ -29,7 +29,7 @@ from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
-_LEAST_TURNS = 20
+_LEAST_TURNS = 10
 _FEWEST = 4
 _FEWEST_IN_AIR = 10
 _CLEAR = 0.01
@@ -37,7 +37,7 @@ _SAMPLES_PER_LINE = 3
 _CLOSER = (1.0, 0.2, 0.04, 0.008)
 _STEP = 0.05
 Array = NDArray[np.floating]
-Ends = tuple[float, float]
+Ends = tuple[float, float, float]
 
 
 def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
@@ -45,11 +45,11 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
     first = _ends_of_sheet(found.slow)
     if first is None:
         return found
-    start, end = _places(first)
+    start, end, by_axis = _places(first)
     reach = Ramps(found.lines, found.search.problem, found.model).reach_m
     touched = min(start, first.decision.parameters["start_m"].low)
-    dataset = _zeroed_in_air(found.dataset, touched - _CLEAR * reach)
-    rest, kept = _engaged(dataset, found.lines, (start, end), reach)
+    dataset = _zeroed_in_air(found.dataset, touched - (by_axis + _CLEAR) * reach)
+    rest, kept = _engaged(dataset, found.lines, (start, end, by_axis), reach)
     if len(kept) < max(_FEWEST, len(reach) / 2):
         return found
     inside = one_pass(rest)
@@ -57,7 +57,7 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
     whole = _judged_whole(dataset, inside, first, tried)
     if whole.accepted is None:
         return found
-    start, end = _places(whole.accepted)
+    start, end, by_axis = _places(whole.accepted)
     sentence = "everything else was traced where the tool is fully in the sheet"
     if np.isfinite(start):
         sentence += f", which begins {1e3 * start:.2f} mm along the path and takes {1e3 * reach.max():.1f} mm"
@@ -70,10 +70,12 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
 
 
 def _places(found: SlowCandidate) -> Ends:
-    """Start and end of the sheet, m; infinite where it goes beyond the records."""
-    values = found.effect.values()
-    start, length = float(values["start_m"]), float(values["length_m"])
-    return start if start > NO_START_M else -np.inf, start + length if length < NO_END_M else np.inf
+    """Start and end of the sheet, m, infinite where it goes beyond the records; if the axis meets them."""
+    start, length, by_axis = (
+        float(found.effect.values()[name]) for name in ("start_m", "length_m", "by_axis")
+    )
+    end = start + length if length < NO_END_M else np.inf
+    return start if start > NO_START_M else -np.inf, end, by_axis
 
 
 def _ends_of_sheet(rounds: Sequence[SlowRound]) -> SlowCandidate | None:
@@ -114,7 +116,7 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
     and which of the cut trials remain.
 
     Arguments:
-        ends: (start, end) of the sheet along the path, m.
+        ends: (start, end) of the sheet along the path, m, and whether the axis meets them.
         reach_m: [R] way from the first touch until the tool is fully engaged, m.
     """
     least = _SAMPLES_PER_LINE * float(lines.present.sum(axis=1).max())
@@ -125,7 +127,8 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
             trials.append(trial)
             continue
         place = felt_at(trial, filter_delay_s(dataset.sensor))
-        inside = np.flatnonzero((place >= ends[0] + reach_m[cuts]) & (place <= ends[1]))
+        rim_m = place + ends[2] * reach_m[cuts]
+        inside = np.flatnonzero((rim_m >= ends[0] + reach_m[cuts]) & (rim_m <= ends[1]))
         turns = len(inside) / dataset.sensor.sample_rate_hz * trial.spindle_speed_rev_s
         if len(inside) < least or turns < _LEAST_TURNS:
             why = f"the tool is fully in the sheet for {turns:.0f} turns of it, fewer than {_LEAST_TURNS}"
@@ -174,6 +177,7 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: i
         parameters[name] = replace(
             old, value=new, low=new - old.value + old.low, high=new - old.value + old.high
         )
+    parameters["by_axis"] = first.decision.parameters["by_axis"]
     decision = decide(kind, before, after, chance_over_trials(before, after, tries), parameters)
     silent = tuple(np.zeros_like(each.measured_n) for each in inside.after)
     candidate = SlowCandidate(kind, effect, after, decision, silent)
@@ -194,7 +198,7 @@ class _Outside:
 
     def missing(self, ends: Array) -> Array:
         """[T, 3] what the force lacks there for a sheet with these ends, N."""
-        return self.ramps.missing(self.course, float(ends[0]), float(ends[1])) * self.where[:, None]
+        return self.ramps.missing(self.course, *(float(each) for each in ends)) * self.where[:, None]
 
 
 def _outside(dataset: Dataset, inside: Pass) -> list[_Outside]:
@@ -238,8 +242,8 @@ def _around(shape: Array, step: float) -> list[Array]:
     """The ends moved together or apart by up to four steps; an end that is not there stays away."""
     moves = step * np.arange(-4, 5)
     starts = shape[0] + moves if np.isfinite(shape[0]) else shape[:1]
-    ends = shape[1] + moves if np.isfinite(shape[1]) else shape[1:]
-    return [np.array([a, b]) for a in starts for b in ends]
+    ends = shape[1] + moves if np.isfinite(shape[1]) else shape[1:2]
+    return [np.array([a, b, shape[2]]) for a in starts for b in ends]
 
 
 def _left(outside: Sequence[_Outside], ends: Array, weight: Array) -> float:

@@ -3,9 +3,10 @@
 The sheet spans start <= position <= start + length as met by the rim of the tool. When the rim has gone in by
 s, the axis stands at s - sqrt(2 R a - a^2) (s - R for a depth beyond the radius) from the end, and a tooth at
 angle th is in the sheet only where that plus R sin th lies inside. So the engagement grows over the first
-sqrt(2 R a - a^2), not at once, and fades over as much after the far end. Exact for circular paths; burrs and
-break-out are not modelled. Signature: local to the ends, repeatable, known from geometry. Confused with a
-mode that rings at entry, which decays afterwards.
+sqrt(2 R a - a^2), not at once, and fades over as much after the far end. Positions counted from the first
+touch are the rim's; those of a machine are the axis', and rims of other depths touch at other ones. Exact for
+circular paths; burrs and break-out are not modelled. Signature: local to the ends, repeatable, known from
+geometry. Confused with a mode that rings at entry, which decays afterwards.
 """
 
 from __future__ import annotations
@@ -34,16 +35,18 @@ class EntryExit(AbstractEffect):
     """Engagement at the ends of the sheet.
 
     Fields: `share` [] how much of the geometry is applied, 0 none to 1 all; `start_m` [] position at which
-    the rim meets the sheet, m; `length_m` [] length of the sheet, m.
+    the rim meets the sheet, m; `length_m` [] length of the sheet, m; `by_axis` [] 0 where positions are those
+    of the rim, 1 where they are those of the tool's axis.
     """
 
     name = "entry_exit"
     stage = "chip"
     strength = "share"
     parameters = {
-        "share": Parameter("1", 0.0, 1.05, 0.0, 1.0, source="geometry: 1"),
+        "share": Parameter("1", 0.0, 1.2, 0.0, 1.0, source="geometry: 1; more where what rubs ends too"),
         "start_m": Parameter("m", -1.0, 10.0, None, 0.0),
         "length_m": Parameter("m", 1e-3, 1e3, None, 0.0),
+        "by_axis": Parameter("1", 0.0, 1.0, None, 0.0, source="how positions were taken"),
     }
     steady = False
     alike = True
@@ -53,12 +56,14 @@ class EntryExit(AbstractEffect):
     share: ArrayLike
     start_m: ArrayLike = 0.0
     length_m: ArrayLike = 1e3
+    by_axis: ArrayLike = 0.0
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         radius = 0.5 * jnp.asarray(model.tool.diameter_m)
         depth = jnp.clip(jnp.asarray(cut.radial_depth_m), 1e-9, radius)
         reach = jnp.sqrt(depth * (2.0 * radius - depth))
-        axis = (jnp.asarray(cut.position_m) - self.start_m - reach)[..., None, None]
+        behind = (1.0 - jnp.asarray(self.by_axis)) * reach
+        axis = (jnp.asarray(cut.position_m) - self.start_m - behind)[..., None, None]
         tooth = axis + radius * jnp.sin(chip.angle_rad)
         within = jnp.minimum(tooth, jnp.asarray(self.length_m) - tooth) / radius
         gate = jnp.maximum(jnp.asarray(cut.gate_rad)[..., None, None], _FEATHER_RAD)

@@ -32,21 +32,27 @@ _EDGE = 0.05
 _MISSING = 0.02
 _ERRORS = 4.0
 _LIKE_GEOMETRY = (0.4, 3.0)
+_REACHES_APART = 1.05
 Array = NDArray[np.floating]
 
 
 def entry_exit(lines: Lines, problem: Problem, model: ForceModel) -> Kind:
-    """How the ends of the sheet are looked for beside a steady `model`; a shape is (start, end), m."""
+    """How the ends of the sheet are looked for beside a steady `model`; a shape is (start, end) m and whether
+    they are met by the tool's axis, 1, or its rim, 0; which is one where all cuts are as deep."""
     ramps = Ramps(lines, problem, model)
 
     def columns(course: Course, shape: Array) -> Array:
-        return ramps.missing(course, float(shape[0]), float(shape[1]))[..., None]
+        return ramps.missing(course, *(float(each) for each in shape))[..., None]
 
     def grid(courses: Sequence[Course]) -> Array:
-        low, high = _ends(courses)
-        starts = np.linspace(low - ramps.longest_m, low + _FIRST * (high - low), _STARTS)
-        ends = np.linspace(high - _LAST * (high - low), high, _STARTS)
-        return np.array([*((start, np.inf) for start in starts), *((-np.inf, end) for end in ends)])
+        (low, high), found = _ends(courses), []
+        for by_axis in met_by(ramps.reach_m):
+            late = by_axis * ramps.longest_m
+            starts = np.linspace(low - ramps.longest_m + late, low + _FIRST * (high - low) + late, _STARTS)
+            ends = np.linspace(high - _LAST * (high - low), high + late, _STARTS)
+            found += [(start, np.inf, by_axis) for start in starts]
+            found += [(-np.inf, end, by_axis) for end in ends]
+        return np.array(found)
 
     return Kind(
         NAME, _missing_at_the_ends, grid, columns, effect_at, rather=_unlike_geometry, refine=_refined
@@ -54,10 +60,10 @@ def entry_exit(lines: Lines, problem: Problem, model: ForceModel) -> Kind:
 
 
 def effect_at(shape: Array, c: Array) -> AbstractEffect:
-    """The effect with the ends `shape` [2], m (infinite where there is none), and the share `c` [1]."""
+    """The effect with the ends `shape` [3], m (infinite where there is none), and the share `c` [1]."""
     start = float(shape[0]) if np.isfinite(shape[0]) else NO_START_M
     length = float(shape[1]) - start if np.isfinite(shape[1]) else NO_END_M
-    return effect_class(NAME)(share=float(c[0]), start_m=start, length_m=length)
+    return effect_class(NAME)(float(c[0]), start, length, by_axis=float(shape[2]))
 
 
 def like_geometry(effect: AbstractEffect) -> bool:
@@ -78,9 +84,10 @@ def _unlike_geometry(courses: Sequence[Course], effect: AbstractEffect) -> str:
 
 def _refined(grid: Array, here: Array, zoom: float) -> Array:
     """Both ends moved a little; at the first time also the other end, which the grid leaves out."""
-    starts, ends = (np.unique(side[np.isfinite(side)]) for side in grid[:, :2].T)
+    alike = grid[grid[:, 2] == here[2], :2]
+    starts, ends = (np.unique(side[np.isfinite(side)]) for side in alike.T)
     steps = [float(np.diff(side[:2])[0]) / zoom for side in (starts, ends)]
-    start, end = (float(each) for each in here)
+    start, end, by_axis = (float(each) for each in here)
     near = [
         place + step * np.linspace(-1.0, 1.0, 7) if np.isfinite(place) else np.array([place])
         for place, step in zip((start, end), steps, strict=True)
@@ -88,7 +95,7 @@ def _refined(grid: Array, here: Array, zoom: float) -> Array:
     found = [(a, b) for a in near[0] for b in near[1]]
     if zoom <= 1.0:
         found += [(start, each) for each in ends] + [(each, end) for each in starts]
-    return np.array([(a, b) for a, b in found if b > a])
+    return np.array([(a, b, by_axis) for a, b in found if b > a])
 
 
 def _ends(courses: Sequence[Course]) -> tuple[float, float]:
@@ -113,6 +120,11 @@ def _share(course: Course, where: NDArray[np.bool_]) -> float | None:
     whole = (course.chip_n + course.edge_n)[where]
     energy = float(np.sum(whole**2))
     return float(np.sum(whole * course.left_n[where])) / energy if energy > 0.0 else None
+
+
+def met_by(reach_m: Array) -> tuple[float, ...]:
+    """What may meet the ends of the sheet, rim 0 and axis 1, where the ways in [R] tell the two apart."""
+    return (0.0, 1.0) if float(np.max(reach_m)) > _REACHES_APART * float(np.min(reach_m)) else (0.0,)
 
 
 def way_in_m(radial_depth_m: ArrayLike, diameter_m: float) -> NDArray[np.floating]:
@@ -145,11 +157,12 @@ class Ramps:
         """[orders + 1, 3] lines of a trial fully in the sheet."""
         return self.entering[trial, -1]
 
-    def missing(self, course: Course, start_m: float, end_m: float) -> Array:
+    def missing(self, course: Course, start_m: float, end_m: float, by_axis: float = 0.0) -> Array:
         """[T, 3] what the force lacks, N: minus the whole of it outside the sheet."""
         reach, table = self.reach_m[course.index], self.entering[course.index]
         added = np.zeros_like(course.left_n)
-        way_in, way_out = (course.position_m - start_m) / reach, (course.position_m - end_m) / reach
+        rim_m = course.position_m + by_axis * reach
+        way_in, way_out = (rim_m - start_m) / reach, (rim_m - end_m) / reach
         # a tooth has left the sheet where it would already have been in one that begins there
         in_ramp, out_ramp = np.isfinite(way_in) & (way_in < 1.0), way_out > 0.0
         for part, way, ramp in ((table - table[-1], way_in, in_ramp), (-table, way_out, out_ramp)):

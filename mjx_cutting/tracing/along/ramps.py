@@ -14,7 +14,7 @@ from jax import Array
 
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.entry_exit import EntryExit
-from mjx_cutting.tracing.along.ends import NO_END_M, NO_START_M, way_in_m
+from mjx_cutting.tracing.along.ends import NO_END_M, NO_START_M, met_by, way_in_m
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.trials.dataset import Dataset
 
@@ -30,11 +30,13 @@ class EndInPieces(EntryExit):
     by_position = True
     places_m: ClassVar[tuple[float, ...]]
     far: ClassVar[bool]
+    met_by: ClassVar[float]
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> EntryExit:
         share, place_m = coordinates[0], _UNIT_M * coordinates[1]
-        return cls(share, NO_START_M, place_m - NO_START_M) if cls.far else cls(share, place_m, NO_END_M)
+        start_m, length_m = (NO_START_M, place_m - NO_START_M) if cls.far else (place_m, NO_END_M)
+        return cls(share, start_m, length_m, cls.met_by)
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
@@ -42,15 +44,22 @@ class EndInPieces(EntryExit):
 
 
 def ends_in_pieces(dataset: Dataset) -> list[type[EndInPieces]]:
-    """The near and the far end of the sheet, looked for from where the tool first touches to a third of all
-    the path."""
+    """The near and the far end of the sheet, met by the rim or by the axis, looked for from where the tool
+    first touches to a third of all the path."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     paths = [along_path(trial) for trial in cuts]
     low, high = min(float(path.min()) for path in paths), max(float(path.max()) for path in paths)
-    reach = float(way_in_m([trial.radial_depth_m for trial in cuts], dataset.tool.diameter_m).max())
-    inner = _REACH * (high - low)
-    sides = {False: (low - reach, low + inner), True: (high - inner - reach, high)}
-    return [
-        type("EndInPieces", (EndInPieces,), {"far": far, "places_m": tuple(np.linspace(*side, _PLACES))})
-        for far, side in sides.items()
-    ]
+    reach = way_in_m([trial.radial_depth_m for trial in cuts], dataset.tool.diameter_m)
+    longest, inner = float(reach.max()), _REACH * (high - low)
+    kinds = []
+    for by_axis in met_by(reach):
+        late = by_axis * longest
+        sides = {
+            False: (low - longest + late, low + inner + late),
+            True: (high - inner - longest, high + late),
+        }
+        for far, side in sides.items():
+            places = tuple(np.linspace(*side, _PLACES))
+            own = {"far": far, "places_m": places, "met_by": by_axis}
+            kinds.append(type("EndInPieces", (EndInPieces,), own))
+    return kinds

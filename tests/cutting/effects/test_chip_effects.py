@@ -190,3 +190,19 @@ def test_entry_engages_exactly_where_the_sheet_is():
     angle = 2.0 * np.pi / 240 * np.arange(240)
     expected = (angle > np.arcsin((reach - position) / 0.025)) & (angle < np.arccos(1 - 0.005 / 0.025))
     assert np.abs(contact - expected).sum() <= 2.0
+
+
+def test_an_axis_meets_the_sheet_where_its_rim_has_gone_in():
+    """Positions of the axis are those of the rim less the way in, which differs with the depth."""
+    tool = Tool("slitting_saw", 20, 0.05)
+    by_rim, by_axis = (
+        ForceModel(tool, model(1).material, (effect_class("entry_exit")(1.0, 0.02, 0.1, met),))
+        for met in (0.0, 1.0)
+    )
+    for depth in (0.002, 0.005):
+        reach = np.sqrt(2 * 0.025 * depth - depth**2)
+        for place in (0.02 + 0.3 * reach, 0.12 + 0.6 * reach):
+            expected = np.asarray(force_of(by_rim, edge_cut(place, depth=depth)))
+            np.testing.assert_allclose(
+                force_of(by_axis, edge_cut(place - reach, depth=depth)), expected, atol=1e-9
+            )
