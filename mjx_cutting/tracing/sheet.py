@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry
+from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry, met_by
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.moving import wave
@@ -41,26 +41,51 @@ Ends = tuple[float, float, float]
 
 
 def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
-    """What was found, or if the sheet ends within the records, what `one_pass` finds on the rest of them."""
+    """What was found, or if the sheet ends within the records, what `one_pass` finds on the rest of them.
+
+    A first model does not tell whether rim or axis meets the ends: where that differs, both are tried.
+    """
     first = _ends_of_sheet(found.slow)
     if first is None:
         return found
-    start, end, by_axis = _places(first)
     reach = Ramps(found.lines, found.search.problem, found.model).reach_m
-    touched = min(start, first.decision.parameters["start_m"].low)
+    ends = _places(first)
+    ways = [ends] if len(met_by(reach)) == 1 else [ends, _met_otherwise(ends, float(np.median(reach)))]
+    traced = (_traced_inside(found, first, each, reach, one_pass) for each in ways)
+    return min(
+        (each for each in traced if each is not None), key=lambda each: each.final.nrmse, default=found
+    )
+
+
+def _met_otherwise(ends: Ends, reach_m: float) -> Ends:
+    """The same ends met by the rim where they were by the axis, the other way round where not."""
+    start, end, by_axis = ends
+    away = reach_m if by_axis == 0.0 else -reach_m
+    return start + away, end + away, 1.0 - by_axis
+
+
+def _traced_inside(
+    found: Pass, first: SlowCandidate, ends: Ends, reach: Array, one_pass: Callable[[Dataset], Pass]
+) -> Pass | None:
+    """What `one_pass` finds between the `ends`, held against the whole records; None where they do not show
+    them, or too little is left."""
+    start, _, by_axis = ends
+    low = first.decision.parameters["start_m"].low - float(first.effect.values()["start_m"])
+    touched = start + min(low, 0.0)
     dataset = _zeroed_in_air(found.dataset, touched - (by_axis + _CLEAR) * reach)
-    rest, kept = _engaged(dataset, found.lines, (start, end, by_axis), reach)
+    rest, kept = _engaged(dataset, found.lines, ends, reach)
     if len(kept) < max(_FEWEST, len(reach) / 2):
-        return found
+        return None
     inside = one_pass(rest)
     tried = next(len(each.candidates) for each in found.slow if first in each.candidates)
-    whole = _judged_whole(dataset, inside, first, tried)
+    whole = _judged_whole(dataset, inside, first, ends, tried)
     if whole.accepted is None:
-        return found
+        return None
     start, end, by_axis = _places(whole.accepted)
     sentence = "everything else was traced where the tool is fully in the sheet"
     if np.isfinite(start):
-        sentence += f", which begins {1e3 * start:.2f} mm along the path and takes {1e3 * reach.max():.1f} mm"
+        met = "its axis meets" if by_axis else "it meets"
+        sentence += f", which {met} {1e3 * start:.2f} mm along the path; {1e3 * reach.max():.1f} mm it takes"
     if np.isfinite(end):
         sentence += f"; the sheet ends at {1e3 * end:.2f} mm"
     inside = inside.with_round(whole, (sentence,))
@@ -140,19 +165,20 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
     return replace(dataset, trials=tuple(trials), left_out=tuple(left_out)), kept
 
 
-def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: int) -> SlowRound:
+def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, ends: Ends, tries: int) -> SlowRound:
     """Entry and exit on the whole records, beside a model traced inside the sheet.
 
     Arguments:
         dataset: the whole trials.
         inside: what was found on them cut down.
-        first: what `ends` found on the whole records, with its places and their intervals.
+        first: what was found on the whole records, with its places and their intervals; `ends` they are
+            about, and how they are met.
         tries: effects tried along a trial.
     """
     kind, final, weight = effect_class(NAME), inside.final, np.asarray(inside.search.problem.weight)
     outside = _outside(dataset, inside)
     courses = [each.course for each in outside]
-    shape = np.array(_places(first))
+    shape = np.array(ends)
     for closer in _CLOSER:
         step = closer * _STEP * outside[0].ramps.longest_m
         shape = min(_around(shape, step), key=lambda each: _left(outside, each, weight))
@@ -177,7 +203,8 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, tries: i
         parameters[name] = replace(
             old, value=new, low=new - old.value + old.low, high=new - old.value + old.high
         )
-    parameters["by_axis"] = first.decision.parameters["by_axis"]
+    met = first.decision.parameters["by_axis"]
+    parameters["by_axis"] = replace(met, value=ends[2], low=ends[2], high=ends[2])
     decision = decide(kind, before, after, chance_over_trials(before, after, tries), parameters)
     silent = tuple(np.zeros_like(each.measured_n) for each in inside.after)
     candidate = SlowCandidate(kind, effect, after, decision, silent)

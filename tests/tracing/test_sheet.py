@@ -80,7 +80,7 @@ def test_a_small_part_of_the_force_missing_at_the_ends_is_not_the_sheet(mill, po
         lines, problem = posed(mill())
         problem, base = fit_base(problem)
         kind = entry_exit(lines, problem, base.model)
-    why = kind.rather([], kind.build(np.array([1e-3, np.inf]), np.array([share])))
+    why = kind.rather([], kind.build(np.array([1e-3, np.inf, 0.0]), np.array([share])))
     assert (why == "") == named
     assert named or "8%" in why
 
