@@ -84,8 +84,9 @@ def _traced_inside(
     start, end, by_axis = _places(whole.accepted)
     sentence = "everything else was traced where the tool is fully in the sheet"
     if np.isfinite(start):
-        met = "its axis meets" if by_axis else "it meets"
-        sentence += f", which {met} {1e3 * start:.2f} mm along the path; {1e3 * reach.max():.1f} mm it takes"
+        meets = "axis meets" if by_axis else "rim meets"
+        sentence += f", which its {meets} {1e3 * start:.2f} mm along the path; the way in takes up to "
+        sentence += f"{1e3 * reach.max():.1f} mm"
     if np.isfinite(end):
         sentence += f"; the sheet ends at {1e3 * end:.2f} mm"
     inside = inside.with_round(whole, (sentence,))
@@ -156,7 +157,10 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
         inside = np.flatnonzero((rim_m >= ends[0] + reach_m[cuts]) & (rim_m <= ends[1]))
         turns = len(inside) / dataset.sensor.sample_rate_hz * trial.spindle_speed_rev_s
         if len(inside) < least or turns < _LEAST_TURNS:
-            why = f"the tool is fully in the sheet for {turns:.0f} turns of it, fewer than {_LEAST_TURNS}"
+            why = (
+                f"got {turns:.0f} turns ({len(inside)} samples) with the tool fully in the sheet, expected "
+                f"{_LEAST_TURNS} ({least:.0f}) or more; cut further before the record ends."
+            )
             left_out.append(LeftOut(trial.file, why))
         else:
             trials.append(part_of(trial, place, slice(int(inside[0]), int(inside[-1]) + 1)))

@@ -21,7 +21,7 @@ from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, o
 from mjx_cutting.tracing.along.slow_kinds import Kind
 from mjx_cutting.tracing.fitting.problem import Problem, response, with_straight_teeth
 from mjx_cutting.tracing.records.course import Course
-from mjx_cutting.tracing.records.lines import Lines, band_limit, turns
+from mjx_cutting.tracing.records.lines import Lines, band_limit, heard_turns
 
 NAME = "entry_exit"
 NO_START_M, NO_END_M = -1.0, 1e3
@@ -186,8 +186,7 @@ class Ramps:
 
     def _turns(self, course: Course) -> NDArray[np.complexfloating]:
         if self._latest is None or self._latest[0] is not course:
-            heard = np.concatenate([[1.0], 2.0 * self.lines.present[course.index][1::2]])
-            self._latest = course, turns(course.angle_rad, self.lines.orders).T * heard
+            self._latest = course, heard_turns(self.lines, course.index, course.angle_rad)
         return self._latest[1]
 
 

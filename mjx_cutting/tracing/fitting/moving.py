@@ -7,16 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.tracing.records.lines import Lines, band_limit, turns
+from mjx_cutting.tracing.records.lines import Lines, band_limit, heard_turns
 
 Array = NDArray[np.floating]
 
 
 def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate_hz: float) -> Array:
     """[T, 3] force of given lines [orders + 1, 3] at the tool angles [T] of a trial, within the band, N."""
-    heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
-    turned = turns(angle_rad, lines.orders).T * heard
-    return band_limit(np.real(turned @ coefficients), rate_hz, lines.band_hz)
+    return band_limit(np.real(heard_turns(lines, trial, angle_rad) @ coefficients), rate_hz, lines.band_hz)
 
 
 class MovingLines:
@@ -24,15 +22,14 @@ class MovingLines:
 
     def __init__(self, lines: Lines, trial: int, places: NDArray, place_m: Array, rate_hz: float):
         """`trial` is the place in `lines`; `place_m` [T] the way, m."""
-        self.lines, self.places, self.rate_hz = lines, places, rate_hz
-        self.heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
+        self.lines, self.trial, self.places, self.rate_hz = lines, trial, places, rate_hz
         way = (place_m - place_m.min()) / max(float(np.ptp(place_m)), 1e-12) * (len(places) - 1)
         self.knot = np.minimum(way.astype(int), len(places) - 2)
         self.after = (way - self.knot)[:, None]
 
     def force(self, angle_rad: Array) -> Array:
         """[T, 3] force at the tool angles [T], within the band, N."""
-        turned = turns(angle_rad, self.lines.orders).T * self.heard
+        turned = heard_turns(self.lines, self.trial, angle_rad)
         force = np.empty((len(turned), 3))
         for knot, here in self._stretches():
             near, next_ = (np.real(turned[here] @ self.places[each]) for each in (knot, knot + 1))
@@ -42,13 +39,13 @@ class MovingLines:
     def likeness(self, angle_rad: Array, measured_n: Array) -> NDArray[np.complexfloating]:
         """[orders + 1] S_n, of which sum over n of Re(S_n exp(i n p)) is the product of a record [T, 3] with
         the force at the angles [T] turned by p, but for a factor."""
-        turned = turns(angle_rad, self.lines.orders)
+        turned = heard_turns(self.lines, self.trial, angle_rad).T
         total = np.zeros(len(turned), dtype=complex)
         for knot, here in self._stretches():
             after = self.after[here]
             for each, share in ((knot, 1.0 - after), (knot + 1, after)):
                 total += np.sum((turned[:, here] @ (share * measured_n[here])) * self.places[each], axis=1)
-        return total * self.heard
+        return total
 
     def _stretches(self) -> Iterator[tuple[int, NDArray[np.bool_]]]:
         """Every knot with [T] the samples between it and the next."""

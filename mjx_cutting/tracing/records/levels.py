@@ -37,7 +37,7 @@ def as_levels(dataset: Dataset) -> Dataset:
         return dataset
     trials = [_level(trial, dataset.tool.kind) for trial in dataset.trials]
     if dataset.tool.kind == "drill":
-        mean = np.mean([trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"], axis=0)
+        mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
         against = np.where(mean < 0.0, -1.0, 1.0)
         trials = [replace(trial, force_n=against * trial.force_n) for trial in trials]
     return replace(dataset, trials=tuple(trials))

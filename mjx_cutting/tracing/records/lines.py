@@ -176,6 +176,12 @@ def turns(angle_rad: Array, orders: int) -> NDArray[np.complexfloating]:
     return power
 
 
+def heard_turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.complexfloating]:
+    """[T, orders + 1] exp(i n th) at the angles [T] of a trial, twice for n >= 1, nil out of the band."""
+    heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
+    return turns(angle_rad, lines.orders).T * heard
+
+
 def basis(angle_rad: Array, orders: int) -> Array:
     """[T, 2 orders + 1] columns 1, cos n th, sin n th for n = 1..orders, in that order of n."""
     columns = np.empty((2 * orders + 1, len(angle_rad)))
