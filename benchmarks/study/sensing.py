@@ -46,12 +46,9 @@ def _digital(top: list[float], bottom: list[float], exact_rad_s: float, rate: fl
 
 def _sheet(force: Array, position: Array, rate: float, p: Params) -> Array:
     """Inertia felt of a mode whose frequency goes with position: z' = lam(t) z + F, by blocks."""
-    w = (
-        2.0
-        * np.pi
-        * p["frequency_hz"]
-        * np.maximum(1.0 + p["gradient_1_m"] * np.maximum(position, 0.0), 0.05)
-    )
+    place = np.maximum(position, 0.0)
+    changed = 1.0 + place * (p["gradient_1_m"] + place * p["curvature_1_m2"])
+    w = 2.0 * np.pi * p["frequency_hz"] * np.maximum(changed, 0.05)
     damped = w * np.sqrt(1.0 - p["damping"] ** 2)
     pole = -p["damping"] * w + 1j * damped
     block = max(16, int(10.0 * rate / (p["damping"] * w.max())))

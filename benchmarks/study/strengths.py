@@ -115,11 +115,14 @@ def _mode(plan: Plan, g: float, rng: np.random.Generator) -> Params:
 def _clamp(plan: Plan, g: float, rng: np.random.Generator) -> Params:
     frequency = rng.uniform(80.0, 300.0) if plan.design == "mill" else rng.uniform(40.0, 180.0)
     slope, zeta = rng.uniform(1.0, 5.0) * _sign(rng), rng.uniform(0.01, 0.05)
+    # half of the sheets are held at both ends: the frequency comes back on the way
+    held = rng.choice([0.0, rng.uniform(0.5, 1.0)])
     return {
         "mass_ratio": min(1.0, 0.3 * g),
         "frequency_hz": frequency,
         "gradient_1_m": slope,
         "damping": zeta,
+        "curvature_1_m2": -held * slope / max(cut.path_m for cut in plan.cuts),
     }
 
 

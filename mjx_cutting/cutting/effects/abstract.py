@@ -92,8 +92,8 @@ class AbstractEffect(eqx.Module):
         stage: one of `STAGES`.
         strength: the parameter that is the effect's size.
         parameters: description of every field.
-        telling: further parameters without which the effect would be another one: an interval that holds
-            their identity names nothing.
+        telling: further parameters without which the effect would be another one: where the intervals of all
+            of them hold their identity, nothing is named.
         needs: covariates that must be in the data for the effect to be testable ("joint velocity", ...).
         steady: False where one revolution under given conditions does not hold the effect (it lives in
             position, in time or at frequencies of its own): fit it on the record, by `ForceModel.predict`.

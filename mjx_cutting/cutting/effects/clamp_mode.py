@@ -1,9 +1,10 @@
 """Clamp mode: the sheet swings along the normal, at a frequency that depends on where it is cut.
 
-The force felt along y is F_y + mu r^2 / (1 - r^2 + 2 j zeta r) F_y, r = f / f(s), f(s) = f_0 (1 + g s); for a
-plate on a dynamometer mu is 1 (it sees K y + C y'). Signature: normal axis only, 20-500 Hz, the frequency
-moves along the path. Confused with a mode of the robot, which moves with the pose; where the gradient is nil
-the two are one. Lines of a whole trial see the mean over its path: trials of other length or feed tell the
+The force felt along y is F_y + mu r^2 / (1 - r^2 + 2 j zeta r) F_y, r = f / f(s), at f(s) = f_0 (1 + g s +
+c s^2); for a plate on a dynamometer mu is 1 (it sees K y + C y'). A sheet held at both ends is softest
+between them: g negative, c positive. Signature: normal axis only, 20-500 Hz, the frequency moves along the
+path. Confused with a mode of the robot, which moves with the pose; where gradient and curvature are nil the
+two are one. Lines of a whole trial see the mean over its path: trials of other length or feed tell the
 gradient, and what changes within a trial is for pieces of it to show.
 """
 
@@ -31,7 +32,7 @@ class ClampMode(AbstractEffect):
     """One mode of the sheet.
 
     Fields: `mass_ratio` [] mu, strength; `frequency_hz` [] f_0 at position 0, Hz; `gradient_1_m` [] relative
-    change of the frequency per metre of path; `damping` [].
+    change of the frequency per metre of path; `damping` []; `curvature_1_m2` [] change per square metre.
     """
 
     name = "clamp_mode"
@@ -40,10 +41,11 @@ class ClampMode(AbstractEffect):
     parameters = {
         "mass_ratio": Parameter("1", 0.0, 2.0, 0.0, 0.3, source="1 for a plate on a dynamometer"),
         "frequency_hz": Parameter("Hz", 10.0, 1000.0, None, 100.0, log=True, source="20-500 Hz"),
-        "gradient_1_m": Parameter("1/m", -10.0, 10.0, 0.0, 3.0),
+        "gradient_1_m": Parameter("1/m", -50.0, 50.0, 0.0, 3.0),
         "damping": Parameter("1", 0.002, 0.3, None, 0.03, log=True),
+        "curvature_1_m2": Parameter("1/m^2", -2000.0, 2000.0, 0.0, 100.0),
     }
-    telling = ("gradient_1_m",)
+    telling = ("gradient_1_m", "curvature_1_m2")
     by_position = True
     signature = "normal axis only, at a frequency that varies with position"
     confused_with = {"robot_mode": "a robot's mode moves with the pose, not along the path"}
@@ -52,6 +54,7 @@ class ClampMode(AbstractEffect):
     frequency_hz: ArrayLike
     gradient_1_m: ArrayLike
     damping: ArrayLike
+    curvature_1_m2: ArrayLike = 0.0
 
     def init(self, model: ForceModel) -> Any:
         return jnp.zeros(2)
@@ -67,19 +70,23 @@ class ClampMode(AbstractEffect):
         return jnp.eye(3) + felt[..., None, None] * jnp.diag(jnp.array([0.0, 1.0, 0.0]))
 
     def _natural_hz(self, cut: Cut) -> Array:
-        factor = 1.0 + self.gradient_1_m * jnp.asarray(cut.position_m)
+        place = jnp.asarray(cut.position_m)
+        factor = 1.0 + place * (self.gradient_1_m + place * self.curvature_1_m2)
         return jnp.asarray(self.frequency_hz) * jnp.maximum(factor, 0.05)
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> ClampMode:
-        """Coordinates: mass ratio in units of 0.3, log(f_0 / 100 Hz), gradient in 1/m, log(zeta / 3 %)."""
-        ratio, frequency, gradient, damping = coordinates
-        return cls(0.3 * ratio, 100.0 * jnp.exp(frequency), gradient, 0.03 * jnp.exp(damping))
+        """Coordinates: mass ratio in units of 0.3, log(f_0 / 100 Hz), gradient in 1/m, log(zeta / 3 %),
+        curvature in units of 100 1/m^2."""
+        ratio, frequency, gradient, damping, curvature = coordinates
+        return cls(
+            0.3 * ratio, 100.0 * jnp.exp(frequency), gradient, 0.03 * jnp.exp(damping), 100.0 * curvature
+        )
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
         frequencies = np.log(np.geomspace(20.0, 450.0, 14) / 100.0)
-        return np.asarray([[0.5, f, slope, 0.0] for f in frequencies for slope in (0.0, -3.0, 3.0)])
+        return np.asarray([[0.5, f, slope, 0.0, 0.0] for f in frequencies for slope in (0.0, -3.0, 3.0)])
 
     @classmethod
     def identity(cls, tool: Tool) -> ClampMode:

@@ -284,9 +284,7 @@ def decide(
             f"predicts {axes[axis]} worse on held-out trials ({before.per_axis[axis]:.4f} to "
             f"{after.per_axis[axis]:.4f} of what it measures) to have the others better"
         )
-    nil = {
-        name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
-    }
+    nil = _no_effect(kind, parameters)
     reasons += nil.values()
     beyond = []
     for name, each in parameters.items():
@@ -315,6 +313,16 @@ def _paid_by(before: HeldOut, after: HeldOut, tolerance: float) -> int | None:
     enough = np.maximum(_RISES * before.error_n2.sum(axis=0), tolerance**2 * before.energy_n2.sum())
     paid = np.flatnonzero(most & (whole > enough))
     return int(paid[0]) if paid.size else None
+
+
+def _no_effect(kind: type[AbstractEffect], parameters: dict[str, Interval]) -> dict[str, str]:
+    """In words, by name: that the strength may be that of no effect, or all of the telling parameters may."""
+    nil = {
+        name: why for name in (kind.strength, *kind.telling) if (why := _nil(kind, name, parameters[name]))
+    }
+    if not all(name in nil for name in kind.telling):
+        return {name: why for name, why in nil.items() if name == kind.strength}
+    return nil
 
 
 def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:

@@ -122,8 +122,11 @@ def test_robot_mode_rings_at_entry():
     assert np.argmax(spectrum) == pytest.approx(25.0, abs=1.5)
 
 
-def test_clamp_mode_moves_along_the_path_on_the_normal_axis():
-    mode = effect_class("clamp_mode")(0.5, 60.0, 3.0, 0.02)
+@pytest.mark.parametrize(
+    ("gradient", "curvature", "expected"), [(3.0, 0.0, [60.0, 78.0, 96.0]), (-6.0, 30.0, [60.0, 42.0, 60.0])]
+)
+def test_clamp_mode_moves_along_the_path_on_the_normal_axis(gradient, curvature, expected):
+    mode = effect_class("clamp_mode")(0.5, 60.0, gradient, 0.02, curvature)
     frequency = jnp.linspace(20.0, 150.0, 1301)
     peaks = []
     for position in (0.0, 0.1, 0.2):
@@ -131,7 +134,7 @@ def test_clamp_mode_moves_along_the_path_on_the_normal_axis():
         np.testing.assert_allclose(gain[:, 0, 0], 1.0)
         np.testing.assert_allclose(gain[:, 0, 1], 0.0)
         peaks.append(float(frequency[np.argmax(np.abs(gain[:, 1, 1]))]))
-    np.testing.assert_allclose(peaks, [60.0, 78.0, 96.0], atol=1.0)
+    np.testing.assert_allclose(peaks, expected, atol=1.0)
 
 
 def test_a_plate_on_a_dynamometer_shows_its_spring_and_damper():

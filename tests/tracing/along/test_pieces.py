@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.study.designs import plan
+from benchmarks.study.generator import recorded
 from mjx_cutting import _platform
 from mjx_cutting.tracing.along.pieces import in_pieces
 from mjx_cutting.tracing.fitting.fit import fit_base
@@ -12,6 +14,8 @@ from mjx_cutting.tracing.fitting.heldout import folds, held_out
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.lines import compress, trusted_band
+from mjx_cutting.tracing.trace import trace
+from mjx_cutting.trials.dataset import Dataset
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +62,28 @@ def test_pieces_are_held_out_with_their_trial(session):
     assert len(fold) == len(dataset.trials) == len(found.error_n2)
     assert np.allclose(found.energy_n2, lines.energy_n2, rtol=0.02)
     assert 0.0 < found.nrmse < 0.05
+
+
+@pytest.mark.slow
+def test_a_sheet_held_at_both_ends_is_softest_between_them():
+    """Down from 220 to 171 Hz after 15 mm and nearly all the way back: means of whole trials show a mode that
+    hardly moves."""
+    session = plan("mill", 404, ("clamp_mode",))
+    mode = {
+        "mass_ratio": 0.3,
+        "frequency_hz": 220.0,
+        "gradient_1_m": -30.0,
+        "damping": 0.025,
+        "curvature_1_m2": 1e3,
+    }
+    session, trials = recorded(session, {"clamp_mode": mode}, 404)
+    dataset = Dataset(
+        name="sheet", source="-", licence="-", tool=session.tool, sensor=session.sensor, trials=trials
+    )
+    found = trace(dataset, effects=["clamp_mode", "robot_mode", "sensor_resonance", "flank_wear"])
+    (named,) = found.verdict["effects"]
+    assert named["name"] == "clamp_mode"
+    values = found.model.effects[0].values()
+    for name, true in mode.items():
+        assert float(values[name]) == pytest.approx(true, rel=0.06), name
+    assert found.final.nrmse < 0.3 * found.search.base.nrmse

@@ -91,12 +91,18 @@ def test_what_lacks_only_its_own_mark_is_known_to_be_untold_from_another(strengt
         "frequency_hz": Interval(90.0, 85.0, 95.0, "Hz"),
         "gradient_1_m": Interval(3.0, -1.0, 7.0, "1/m"),
         "damping": Interval(0.03, 0.02, 0.04, "1"),
+        "curvature_1_m2": Interval(20.0, -50.0, 90.0, "1/m^2"),
     }
     found = decide(ClampMode, BEFORE, BETTER, 1e-9, mode)
     assert not found.accepted and found.untold == untold
     assert not decide(ClampMode, BEFORE, BETTER, 0.5, mode).untold
-    flat = dict(mode, gradient_1_m=Interval(3.0, 2.0, 4.0, "1/m"))
-    assert decide(ClampMode, BEFORE, BETTER, 1e-9, flat).untold is False
+    moves = {
+        "gradient_1_m": Interval(3.0, 2.0, 4.0, "1/m"),
+        "curvature_1_m2": Interval(40.0, 20.0, 60.0, "1/m^2"),
+    }
+    for name, sure in moves.items():
+        told = decide(ClampMode, BEFORE, BETTER, 1e-9, mode | {name: sure})
+        assert told.accepted == (strength > 0.1) and told.untold is False
 
 
 @pytest.mark.parametrize(
