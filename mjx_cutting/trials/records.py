@@ -105,7 +105,7 @@ def records_of(
             )
     if positions and usable.issuperset(positions):
         lacking = [name for name in POSITIONS if name not in positions]
-        if lacking:
+        if POSITIONS[0] in lacking:  # the feed's own; that y and z stand still is usual
             warnings.append(
                 f"columns {', '.join(positions)}: {', '.join(lacking)} missing; taken as not moving, zero."
             )

@@ -219,6 +219,14 @@ def test_an_axis_without_position_stands_still_and_a_broken_optional_column_is_n
     assert "column spindle_angle_rad: got values that are not finite" in told
 
 
+def test_a_position_along_the_feed_alone_is_what_most_cuts_have(folder):
+    columns = folder.columns("t0.csv")
+    columns["position_x_m"] = 0.01 * columns["time_s"]
+    dataset = read(folder.write())
+    np.testing.assert_array_equal(dataset.trials[0].position_m[:, 0], 0.01 * dataset.trials[0].time_s)
+    assert not any("position" in each for each in dataset.warnings)
+
+
 def test_no_good_trial_left_is_an_error_that_lists_them(folder):
     for file in folder.records:
         folder.columns(file)["force_x_n"][3] = np.nan

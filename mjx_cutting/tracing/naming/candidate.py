@@ -103,15 +103,16 @@ def beyond_chance(
     """Probability that chance lowers the squared error as much as from the fit `before` of the effects
     `fewer` to that `after` of `more`, at the best of `tries`.
 
-    Levels of one trial that rise and fall together say one thing, not three: of them, where more is left
-    than the model may be off, as many are counted as that has independent directions.
+    Levels of one trial that rise and fall together say one thing, not three: of them, and of the unknowns
+    that they tell, where more is left than the model may be off, as many are counted as that has independent
+    directions.
     """
     descent = Descent(problem, more)
     told_before = Descent(problem, fewer).told(np.asarray(before.x))
     told = descent.told(np.asarray(after.x))
     left = freedom(problem, after, told)
     if problem.tool.kind in LEVEL_KINDS and after.squares > tolerated(problem, lines) ** 2:
-        left = max(int((left + told) * _independent(descent, after.x)) - told, 1)
+        left = max(int(left * _independent(descent, after.x)), 1)
     return chance(
         drop=float(before.squares - after.squares),
         added=max(told - told_before, 1),
