@@ -94,6 +94,9 @@ class AbstractEffect(eqx.Module):
         parameters: description of every field.
         telling: further parameters without which the effect would be another one: where the intervals of all
             of them hold their identity, nothing is named.
+        sharp: parameters that the effect, where it is there, leaves no doubt of: nothing is named where one
+            is not known to a factor of two.
+        held: parameters read from the trials rather than fitted, with the ends of what these leave open.
         needs: covariates that must be in the data for the effect to be testable ("joint velocity", ...).
         steady: False where one revolution under given conditions does not hold the effect (it lives in
             position, in time or at frequencies of its own): fit it on the record, by `ForceModel.predict`.
@@ -115,6 +118,8 @@ class AbstractEffect(eqx.Module):
     strength: ClassVar[str] = ""
     parameters: ClassVar[dict[str, Parameter]] = {}
     telling: ClassVar[tuple[str, ...]] = ()
+    sharp: ClassVar[tuple[str, ...]] = ()
+    held: ClassVar[dict[str, tuple[float, float]]] = {}
     needs: ClassVar[tuple[str, ...]] = ()
     steady: ClassVar[bool] = True
     coupled: ClassVar[bool] = False

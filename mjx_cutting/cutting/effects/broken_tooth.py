@@ -2,9 +2,9 @@
 
 h_j = (1 - s) c sin th, h_{j+1} = (1 + s) c sin th; s = 1 for a tooth that is gone. The broken tooth rubs less
 in the same proportion. Signature: lines at all multiples of the spindle frequency that rise with feed from an
-edge-force intercept, of sudden onset. Confused with runout, whose lines do not rise with feed. Breaks where
-more than one neighbour is gone. Altintas, Int. J. Machine Tools and Manufacture 28 (1988) 157-172 (detection
-of tooth breakage from cutting forces).
+edge-force intercept, of sudden onset: there is nothing before the tool has cut a length `onset_m`. Confused
+with runout, whose lines do not rise with feed. Breaks where more than one neighbour is gone. Altintas, Int.
+J. Machine Tools and Manufacture 28 (1988) 157-172 (detection of tooth breakage from cutting forces).
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class BrokenTooth(AbstractEffect):
     """One tooth that misses its chip.
 
     Fields: `share` [] part of its chip that the tooth misses, 0 whole to 1 gone; `tooth` [] its index, 0 to
-    N - 1 (only known up to the phase of a trial, so the fit holds it at 0).
+    N - 1 (only known up to the phase of a trial, so the fit holds it at 0); `onset_m` [] length cut with the
+    tool when it breaks, m, 0 for one broken from the start.
     """
 
     name = "broken_tooth"
@@ -40,6 +41,7 @@ class BrokenTooth(AbstractEffect):
     parameters = {
         "share": Parameter("1", 0.5, 1.05, 0.0, 1.0, source="1 gone; less than half is a short tooth"),
         "tooth": Parameter("1", 0.0, 200.0, None, 0.0, source="index"),
+        "onset_m": Parameter("m", 0.0, 1e5, None, 0.0, source="read from the trials that show it first"),
     }
     signature = "comb at the spindle frequency that rises with feed from an intercept, of sudden onset"
     confused_with = {
@@ -49,12 +51,14 @@ class BrokenTooth(AbstractEffect):
 
     share: ArrayLike
     tooth: ArrayLike
+    onset_m: ArrayLike = 0.0
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         teeth = model.tool.teeth
         index = jnp.arange(teeth)
-        broken = jnp.asarray(self.share) * (index == jnp.round(jnp.asarray(self.tooth)))
-        left_over = jnp.roll(broken, 1)
+        off = jnp.asarray(cut.cut_length_m)[..., None, None] >= self.onset_m
+        broken = self.share * off * (index == jnp.round(jnp.asarray(self.tooth)))
+        left_over = jnp.roll(broken, 1, axis=-1)
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None] / teeth
         more = feed_m * jnp.maximum(jnp.sin(chip.angle_rad), 0.0) * left_over
         return chip._replace(thickness_m=chip.thickness_m + more, contact=chip.contact * (1.0 - broken))

@@ -47,6 +47,7 @@ class ClampMode(AbstractEffect):
     }
     telling = ("gradient_1_m", "curvature_1_m2")
     by_position = True
+    sharp = ("frequency_hz",)
     signature = "normal axis only, at a frequency that varies with position"
     confused_with = {"robot_mode": "a robot's mode moves with the pose, not along the path"}
 

@@ -2,7 +2,8 @@
 
 k_c (1 + eta max(0, fill - 1)), fill = A(th) / A_g, where A(th) = c R (cos th_in - cos th) is the area of chip
 that the tooth has cut since it entered and A_g the area of solid chip that the gullet holds (its own area
-over the chip's bulking, 3 to 10). It empties at exit. Signature: one-sided, towards the end of the arc,
+over the chip's bulking, 3 to 10). It empties at exit. What is packed may rub too: an `edge_share` of the rise
+falls to the edge constants, nil where packing only shears. Signature: one-sided, towards the end of the arc,
 beyond a threshold in feed x arc. Confused with wear, which does not reset. Chips carried round for several
 turns are not modelled.
 """
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.chip import Chip
@@ -30,7 +32,7 @@ class Clogging(AbstractEffect):
     """Force of packing chips into a full gullet.
 
     Fields: `gain` [] eta, rise of the chip force per overfill; `capacity_m2` [] area A_g of solid chip a
-    gullet holds, m^2.
+    gullet holds, m^2; `edge_share` [] eta of the edge force over that of the chip's.
     """
 
     name = "clogging"
@@ -40,20 +42,28 @@ class Clogging(AbstractEffect):
     parameters = {
         "gain": Parameter("1", 0.0, 20.0, 0.0, 1.0, source="working knowledge"),
         "capacity_m2": Parameter("m^2", 1e-9, 1e-4, None, 1e-7, log=True, source="gullet area over bulking"),
+        "edge_share": Parameter("1", 0.0, 1.0, None, 0.0),
     }
     signature = "one-sided rise late in the arc beyond a threshold in feed times arc; resets at exit"
     confused_with = {"flank_wear": "wear does not reset when the tool leaves the sheet"}
 
     gain: ArrayLike
     capacity_m2: ArrayLike
+    edge_share: ArrayLike = 0.0
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None] / model.tool.teeth
         since = jnp.cos(jnp.asarray(cut.entry_rad))[..., None, None] - jnp.cos(chip.angle_rad)
         area = feed_m * 0.5 * jnp.asarray(model.tool.diameter_m) * jnp.maximum(since, 0.0)
-        packed = 1.0 + self.gain * jnp.maximum(area / jnp.asarray(self.capacity_m2) - 1.0, 0.0)
-        return force._replace(chip=force.chip * packed[..., None])
+        more = (self.gain * jnp.maximum(area / jnp.asarray(self.capacity_m2) - 1.0, 0.0))[..., None]
+        return EdgeForce(force.chip * (1.0 + more), force.edge * (1.0 + self.edge_share * more))
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> Clogging:
+        """Coordinates: gain, log(capacity / 1e-7 m^2), share of the edge."""
+        gain, capacity, edge_share = coordinates
+        return cls(gain, 1e-7 * jnp.exp(capacity), edge_share)
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, float(capacity)] for capacity in range(-3, 6)])
+        return np.asarray([[0.5, float(capacity), 0.5] for capacity in range(-3, 6)])

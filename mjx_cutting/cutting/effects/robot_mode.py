@@ -45,6 +45,7 @@ class RobotMode(AbstractEffect):
         "damping": Parameter("1", 0.005, 0.3, None, 0.04, log=True, source="2-8 % published"),
         "direction_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
     }
+    sharp = ("frequency_hz",)
     signature = "lines near a fixed frequency changed along one direction, by the pose; rings at entry"
     confused_with = {"sensor_resonance": "the sensor's does not move with the pose; a tap test shows it"}
 

@@ -43,6 +43,7 @@ class SensorResonance(AbstractEffect):
         ),
         "damping": Parameter("1", 0.005, 0.5, None, 0.05, log=True, source="0.5-50 %, working knowledge"),
     }
+    sharp = ("frequency_hz",)
     signature = "lines near one fixed frequency inflated, whatever the spindle speed or pose"
     confused_with = {"robot_mode": "a robot's mode moves with the pose; a tap test shows the sensor's"}
 

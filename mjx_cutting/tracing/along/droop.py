@@ -36,6 +36,7 @@ from mjx_cutting.trials.dataset import Dataset
 
 NAME = "spindle_droop"
 CHANCE = 1e-3
+_TIMES_LESS_SURE = 10.0
 Array = NDArray[np.floating]
 
 
@@ -94,14 +95,21 @@ def _torque(problem: Problem, model: ForceModel) -> Array:
 
 
 def _law(loss: Array, torque: Array, stated: Array) -> tuple[float, float, float, float]:
-    """d and e of loss / stated = d T / stated - e, the standard error of d, the chance of so steep a line."""
+    """d and e of loss / stated = d T / stated - e, the standard error of d, and the chance of it.
+
+    Of no droop the losses are no more than a stated speed may err: by that they must be surer than `CHANCE`,
+    and by going with the torque surer than ten times that.
+    """
     columns = np.stack([torque / stated, -np.ones_like(stated)], axis=1)
     share = loss / stated
     weights, *_ = np.linalg.lstsq(columns, share, rcond=None)
     freedom = max(len(share) - 2, 1)
-    variance = float(np.sum((share - columns @ weights) ** 2)) / freedom
-    error = float(np.sqrt(max(variance * np.linalg.pinv(columns.T @ columns)[0, 0], 1e-300)))
-    return float(weights[0]), float(weights[1]), error, float(stats.t.sf(weights[0] / error, freedom))
+    variance = max(float(np.sum((share - columns @ weights) ** 2)) / freedom, 1e-300)
+    error = float(np.sqrt(variance * np.linalg.pinv(columns.T @ columns)[0, 0]))
+    without = float(np.sum((share - np.clip(share.mean(), -SPREAD, SPREAD)) ** 2)) - freedom * variance
+    beyond = float(stats.f.sf(without / variance, 1, freedom))
+    along = float(stats.t.sf(weights[0] / error, freedom))
+    return float(weights[0]), float(weights[1]), error, max(beyond, along / _TIMES_LESS_SURE)
 
 
 def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array, stated: Array) -> HeldOut:

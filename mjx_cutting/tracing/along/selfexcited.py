@@ -8,7 +8,7 @@ looked for in every trial by itself, in what is left beside all spindle orders. 
 every other stretch of the record and scored on those between, so that noise, and a gain that wanders, gain
 nothing.
 
-Named when, in at least three trials, at least two lines of one pattern stand far above the noise, the
+Named when, in at least three trials, at least two lines of one pattern stand far above the noise, one of the
 strongest near one frequency in all of them, not the same to the resolution of the records although the
 speeds differ (a line of the mains stays put), further from tooth passing than a slow change of the force
 puts its sidebands, of three hundredths of the force or more (what ends its growth is that teeth leave the
@@ -20,7 +20,7 @@ here.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ _FAR_ABOVE = 30.0
 _SIDEBAND = 12.0
 _FEWEST = 3
 _SPREAD = 0.15
+_NEARLY_AS_STRONG = 0.5
 _MOST_ALIKE = 0.6
 _LEAST_FALL = 0.1
 _LEAST_SHARE = 0.03
@@ -189,10 +190,10 @@ def find_vibration(
     ]
     if len(shown) < _FEWEST:
         return None
-    frequency = np.array([each[i].frequency_hz for i in shown])
-    middle = float(np.median(frequency))
-    alike = np.abs(frequency / middle - 1.0) < _SPREAD
+    frequency, alike = _common([each[i] for i in shown])
     shown, frequency = [i for i, near in zip(shown, alike, strict=True) if near], frequency[alike]
+    for i, own in zip(shown, frequency, strict=True):
+        each[i] = replace(each[i], frequency_hz=float(own))
     error = before.error_n2.copy()
     for i in shown:
         error[i] += each[i].error_change_n2
@@ -211,6 +212,27 @@ def find_vibration(
     candidate = SlowCandidate(kind, effect, held_out, decision, waves)
     tried = SlowRound(before, (candidate,), candidate if decision.accepted else None)
     return SelfExcited(tried, _evidence(after, each, shown, teeth))
+
+
+def _common(found: Sequence[Vibration]) -> tuple[Array, NDArray[np.bool_]]:
+    """[R] line of each trial nearest the frequency that most of them share, and whether it is near that.
+
+    Which line of a pattern is the strongest changes with the speed, so any that comes near it counts.
+    """
+    strong = [v.lines_hz[v.over_noise >= _NEARLY_AS_STRONG * v.over_noise[0]] for v in found]
+
+    def nearest(middle: float) -> Array:
+        return np.array([lines[np.argmin(np.abs(lines - middle))] for lines in strong])
+
+    def apart(middle: float) -> Array:
+        return np.asarray(np.abs(nearest(middle) / middle - 1.0))
+
+    def few_and_far(middle: float) -> tuple[int, float]:
+        away = apart(middle)
+        return -int(np.sum(away < _SPREAD)), float(away[away < _SPREAD].mean())
+
+    middle = float(min(np.concatenate(strong), key=few_and_far))
+    return nearest(middle), apart(middle) < _SPREAD
 
 
 def _false_alarm(lines: Lines, after: Sequence[Prediction]) -> float:
@@ -278,7 +300,8 @@ def _evidence(
     first = max(shown, key=lambda i: each[i].over_noise[0])
     v, trial = each[first], after[first]
     quiet = [trial.file for i, trial in enumerate(after) if i not in shown]
-    beside = ", ".join(f"{line:.1f}" for line in v.lines_hz[1:4])
+    others = v.lines_hz[np.abs(v.lines_hz - v.frequency_hz) > 1e-6]
+    beside = ", ".join(f"{line:.1f}" for line in others[:3])
     speeds = f"{v.frequency_hz / trial.speed_rev_s:.2f} times the spindle's"
     return (
         f"{trial.file} vibrates at {v.frequency_hz:.1f} Hz, {speeds}, with lines at {beside} Hz beside it, "

@@ -151,7 +151,9 @@ def parameters(
     fitted = zip(effects, found.model.effects, heldout.fits.model.effects, errors, strict=False)
     return [
         {
-            name: interval(
+            name: _read(kind, name, getattr(whole, name))
+            if name in kind.held
+            else interval(
                 kind,
                 name,
                 getattr(whole, name),
@@ -163,3 +165,8 @@ def parameters(
         }
         for kind, whole, by_fold, moved in fitted
     ]
+
+
+def _read(kind: type[AbstractEffect], name: str, value: ArrayLike) -> Interval:
+    """A parameter that was read from the trials, with what they leave open."""
+    return Interval(float(np.asarray(value)), *kind.held[name], kind.parameters[name].unit)

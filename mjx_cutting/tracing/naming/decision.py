@@ -6,7 +6,8 @@
 2. held out: the error on unseen trials falls by at least `LEAST_GAIN` of itself, by `TOLERANCE` of the force
    (root mean square; less where the model's force hardly is) and by two standard errors over trials, or in
    shares of what each trial leaves by more than chance does; and no axis pays for it.
-3. interval: the strength's interval excludes the value at which the effect vanishes.
+3. interval: the strength's interval excludes the value at which the effect vanishes, and a resonance is known
+   to an octave.
 4. range: every parameter lies inside its physical range, not at the edge of it.
 """
 
@@ -36,6 +37,7 @@ _MOST_WIDENED = 3.0
 _WIDEST = 50.0
 _RISES = 0.25
 _MOST_TRIALS = 0.75
+_SHARP = 2.0
 Array = NDArray[np.float64]
 
 
@@ -286,6 +288,7 @@ def decide(
         )
     nil = _no_effect(kind, parameters)
     reasons += nil.values()
+    reasons += [why for name in kind.sharp if (why := _blurred(name, parameters[name]))]
     beyond = []
     for name, each in parameters.items():
         declared = kind.parameters[name]
@@ -331,6 +334,13 @@ def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:
     if identity is None or not found.low <= identity <= found.high:
         return None
     return f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} includes {identity:g}, no effect"
+
+
+def _blurred(name: str, found: Interval) -> str | None:
+    """In words, that a parameter is not known to a factor of two; None where it is."""
+    if found.low > 0.0 and found.high <= _SHARP * found.low:
+        return None
+    return f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} is not known to a factor of {_SHARP:g}"
 
 
 def _at_edge(value: float, declared: Parameter) -> bool:

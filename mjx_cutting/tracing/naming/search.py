@@ -22,6 +22,7 @@ from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.naming.candidate import Candidate, Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
+from mjx_cutting.tracing.naming.onset import with_onset
 from mjx_cutting.tracing.naming.run_in import with_run_in
 from mjx_cutting.tracing.records.lines import Lines
 
@@ -64,6 +65,7 @@ def search(
     """Run the search; `progress` is told what is being tried."""
     progress("base model")
     problem, base = fit_base(problem)
+    candidates = with_onset(problem, candidates)
     base_heldout = held_out(problem, lines, (), base.x, fold)
     effects: Effects = ()
     current, heldout = base, base_heldout

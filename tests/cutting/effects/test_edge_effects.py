@@ -154,6 +154,15 @@ def test_clogging_sets_in_beyond_a_threshold_and_late_in_the_arc():
     assert share(3e-5, 3.0) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("edge_share", [0.0, 0.4, 1.0])
+def test_clogging_takes_its_share_of_the_edge_along(edge_share):
+    clogging, here = effect_class("clogging")(2.0, 1e-6, edge_share), slot(1e-4, 1, angle_rad=2.0)
+    rise = 2.0 * (1e-4 * 0.0125 * (1 - np.cos(2.0)) / 1e-6 - 1.0)
+    bare, sheared = force_of(model(1), here), force_of(model(1, edge=0.0), here)
+    expected = bare + rise * (sheared + edge_share * (bare - sheared))
+    np.testing.assert_allclose(force_of(model(1, clogging), here), expected, rtol=1e-9)
+
+
 def test_periodic_material_is_coherent_in_position():
     """The same positions give the same factor at twice the feed, so the line moves with v / Lam."""
     weave = effect_class("material_periodicity")(0.4, 5e-3, 0.3)

@@ -12,14 +12,13 @@ from mjx_cutting.trials.dataset import Dataset
 
 
 def _scattered(hidden: dict[str, str | float], seed: int) -> Dataset:
-    """A turning session in which all three forces of a trial are off by one factor, .4 % from trial to trial."""
+    """A turning session in which all forces of a trial are off by one factor, .4 % from trial to trial."""
     dataset, generator = make("turning", hidden, seed=seed).dataset, np.random.default_rng(seed)
-    trials = [
-        replace(each, force_n=each.force_n * (1.0 + 0.004 * generator.normal()))
-        if each.kind == "cut"
-        else each
-        for each in dataset.trials
-    ]
+    factors = generator.normal(1.0, 0.004, len(dataset.trials))
+    trials = (
+        replace(each, force_n=each.force_n * factor) if each.kind == "cut" else each
+        for each, factor in zip(dataset.trials, factors, strict=True)
+    )
     return replace(dataset, trials=tuple(trials))
 
 

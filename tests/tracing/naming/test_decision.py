@@ -12,6 +12,7 @@ from mjx_cutting.cutting.effects import (
     CommandStair,
     Ploughing,
     RadialRunout,
+    RobotMode,
     SensorResonance,
     SizeEffect,
     StaticCompliance,
@@ -82,6 +83,19 @@ def test_a_gain_in_every_trial_counts_though_one_holds_most_of_the_error():
 def test_an_interval_that_includes_nothing_is_refused():
     unsure = dict(RUNOUT, offset_m=Interval(1e-5, -0.1e-5, 2.1e-5, "m"))
     assert "no effect" in decide(RadialRunout, BEFORE, BETTER, 1e-9, unsure).reasons[0]
+
+
+@pytest.mark.parametrize(("low", "named"), [(30.0, True), (17.0, False)])
+def test_a_resonance_that_is_not_known_to_an_octave_is_none(low, named):
+    mode = {
+        "mass_ratio": Interval(0.15, 0.1, 0.2, "1"),
+        "frequency_hz": Interval(34.0, low, 39.0, "Hz"),
+        "damping": Interval(0.2, 0.03, 0.29, "1"),
+        "direction_rad": Interval(0.0, -0.2, 0.2, "rad"),
+    }
+    found = decide(RobotMode, BEFORE, BETTER, 1e-9, mode)
+    assert found.accepted == named
+    assert named or "not known to a factor of 2" in found.reasons[0]
 
 
 @pytest.mark.parametrize(("strength", "untold"), [(0.2, True), (0.0, False)])
