@@ -56,7 +56,8 @@ class BrokenTooth(AbstractEffect):
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         teeth = model.tool.teeth
         index = jnp.arange(teeth)
-        off = jnp.asarray(cut.cut_length_m)[..., None, None] >= self.onset_m
+        onset_m = jnp.asarray(self.onset_m)
+        off = (jnp.asarray(cut.cut_length_m)[..., None, None] >= onset_m) | (onset_m <= 0.0)
         broken = self.share * off * (index == jnp.round(jnp.asarray(self.tooth)))
         left_over = jnp.roll(broken, 1, axis=-1)
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None] / teeth

@@ -107,6 +107,13 @@ def test_broken_tooth_leaves_its_chip_to_the_next():
     np.testing.assert_array_equal(np.asarray(chip.contact[1, 0, 1]), 0.0)
 
 
+def test_a_tooth_is_whole_until_it_breaks():
+    late, bare = model(4, effect_class("broken_tooth")(1.0, 0.0, 0.5)), model(4)
+    for length, whole in ((0.0, True), (0.49, True), (0.51, False)):
+        here = slot(5e-5, 4).replace(angle_rad=1.0, cut_length_m=length)
+        assert bool(np.allclose(late.process_force(here), bare.process_force(here))) == whole
+
+
 def test_broken_tooth_keeps_the_mean_chip_force():
     bare, broken = (
         lines(model(4, *effects, edge=0.0), 5e-5)[0]
