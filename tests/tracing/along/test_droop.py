@@ -32,6 +32,19 @@ def test_losses_that_do_not_go_with_the_torque_are_not_droop():
     assert min(chances) > 0.1 * CHANCE
 
 
+def test_losses_that_no_stated_speed_may_err_by_are_droop_though_they_scatter():
+    off = np.array([0.9, -0.6, -0.2, 0.5, 0.3, 0.4, -0.9, 0.6])  # each within 1 %
+    share = 0.0035 * TORQUE - 0.01 * off
+    along = 0.02 + share  # every one slower by more than 1 %
+    assert _law(share * STATED, TORQUE, STATED)[3] > CHANCE
+    assert along.min() > 0.01 and _law(along * STATED, TORQUE, STATED)[3] < CHANCE
+
+
+def test_speeds_stated_too_high_whatever_the_load_are_not_droop():
+    scatter = 0.004 * np.random.default_rng(0).normal(size=len(STATED))
+    assert _law((0.03 + scatter) * STATED, TORQUE, STATED)[3] > CHANCE
+
+
 @pytest.mark.slow
 def test_a_strong_vibration_is_not_taken_for_a_spindle_that_gives_way():
     case = make("mill", {"regenerative_chatter": "strong"}, 400)

@@ -45,6 +45,22 @@ def _chatter(time, speed, trial):
     return np.cos(turn) + 0.5 * np.cos(beside)
 
 
+def test_the_strongest_line_of_a_pattern_may_be_another_at_every_speed():
+    """Near 385 Hz in all trials, and stronger by a little a tooth passing below it, at 175 to 225 Hz."""
+
+    def chatter(time, speed, trial):
+        own, tooth = 375.0 + 0.2 * speed, TEETH * speed
+        turn = 2 * np.pi * time
+        return np.cos(turn * own + trial) + (1.1 if trial % 2 else 0.9) * np.cos(turn * (own - tooth))
+
+    found = find_vibration(*_session(chatter))
+    assert found is not None and found.round.accepted is not None, found
+    said = found.round.accepted.decision.parameters["frequency_hz"]
+    assert said.value == pytest.approx(383.0, abs=0.5)
+    assert said.high == pytest.approx(375.0 + 0.2 * 66.3, abs=0.5)
+    assert "6 of 6" in found.evidence[0]
+
+
 def test_a_limit_cycle_is_named_with_its_frequency_and_threshold():
     found = find_vibration(*_session(_chatter))
     assert found is not None and found.round.accepted is not None, found
