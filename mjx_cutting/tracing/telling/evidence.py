@@ -12,6 +12,8 @@ from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.records.lines import basis
 from mjx_cutting.trials.dataset import Dataset, Trial
 
+_ROUNDING_M = 1e-6
+
 
 def line_amplitudes(predictions: Sequence[Prediction], order: int) -> NDArray[np.float64]:
     """[R] amplitude of the measured force at one spindle order, N, over the two radial axes."""
@@ -45,11 +47,28 @@ def evidence(
             f"its angle is counted from a tooth that nothing marks: known up to whole teeth, "
             f"{360 / teeth:.3g} degrees"
         )
+    if "onset_m" in kind.held:
+        sentences.append(_sets_in(dataset, kind.held["onset_m"][1]))
     old = sum(float(np.sum(each.residual_n**2)) for each in before)
     new = sum(float(np.sum(each.residual_n**2)) for each in after)
     if new < old:
         sentences.append(f"the final model leaves {new / old:.0%} of the base model's residual energy")
     return sentences
+
+
+def _sets_in(dataset: Dataset, onset_m: float) -> str:
+    """Between which trials an effect sets in that is there from the length cut `onset_m` on."""
+    cuts = sorted(
+        (trial for trial in dataset.trials if trial.kind == "cut"), key=lambda each: each.cut_length_before_m
+    )
+    late = [trial for trial in cuts if trial.cut_length_before_m >= onset_m - _ROUNDING_M]
+    before = len(cuts) - len(late)
+    if not late or not before:
+        return f"it sets in after {onset_m:.4g} m cut"
+    return (
+        f"it sets in between {cuts[before - 1].file} and {late[0].file}, after {onset_m:.4g} m cut: nothing "
+        f"of it in {before} cuts before, the same in {len(late)} from then on"
+    )
 
 
 def _from_a_tooth(kind: type[AbstractEffect]) -> bool:

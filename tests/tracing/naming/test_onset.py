@@ -48,5 +48,8 @@ def test_a_tooth_that_breaks_between_two_trials_is_found_with_when():
     (tooth,) = found.verdict["effects"]
     assert tooth["name"] == "broken_tooth" and found.verdict["verdict"] == "explained"
     onset = tooth["parameters"]["onset_m"]
-    assert lengths[len(lengths) // 2 - 1] < onset["low"] <= onset["value"] <= onset["high"] == when
-    assert isinstance(found.model, ForceModel)
+    assert lengths[len(lengths) // 2 - 1] < onset["low"] <= onset["value"] <= onset["high"]
+    assert onset["high"] == pytest.approx(when)
+    late = sum(each.cut_length_before_m >= when for each in cuts)
+    assert any(f"the same in {late} from then on" in each for each in tooth["evidence"])
+    assert ForceModel.from_dict(found.model.to_dict()).effects[0].onset_m == onset["value"]
