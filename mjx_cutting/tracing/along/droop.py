@@ -2,7 +2,8 @@
 
 The lines of a record stand where the loaded spindle turned (`spindle`), so no fit to lines can show what
 slowed it. What names droop is the law of the losses, stated - found = d T - e stated, with T the mean torque
-under the fitted model and e one relative error of all stated speeds: a straight line through the trials.
+under the fitted model and e one relative error of all stated speeds: a straight line through the trials, which
+must be steeper than chance makes it, and without which the losses are more than stated speeds may err by.
 
 Held-out error: a speed may be up to 1 % off the stated one and is then fitted on the trial itself. "Before"
 is the base model fitted and scored with every speed within that reach of the stated one, "after" with every
@@ -13,6 +14,7 @@ slower than that reach, droop cannot lower the error and is not named.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -62,30 +64,30 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
     kind = effect_class(NAME)
     loss = stated - lines.speed_rev_s
     torque = _torque(found.problem, found.final_fit.model)
-    value, _, error, p_chance = _law(loss, torque, stated)
+    law = _law(loss, torque, stated)
     assert found.final.fits is not None
     fold, laws, centres = found.final.fold, [], np.empty_like(stated)
     for f in range(int(fold.max()) + 1):
         model = jax.tree.map(lambda leaf, f=f: leaf[f], found.final.fits.model)
         keep = fold != f
-        own, off, *_ = _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])
-        about = loaded_about(dataset, model.with_effects(kind(max(own, 0.0))), off)
-        laws.append(own)
+        own = _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])
+        about = loaded_about(dataset, model.with_effects(kind(max(own.droop, 0.0))), own.off)
+        laws.append(own.droop)
         centres[~keep] = about[~keep]
     near = compress(dataset, lines.band_hz, about_rev_s=stated, orders=lines.orders)
     problem, base = fit_base(pose(dataset, near))
     before = held_out(problem, near, (), base.x, found.base.fold)
     after = _within_reach(dataset, lines, found, centres, stated)
-    parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", value, np.array(laws), error)}
+    parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", law.droop, np.array(laws), law.spread)}
     # the trials speak through the law of the losses, of which few may be beyond what a stated speed may err
     rigid = _within_reach(dataset, lines, found, stated, stated)
-    decision = decide(kind, rigid, after, p_chance * 0.01 / CHANCE, parameters, over_trials=False)
-    effect = kind(float(value))
+    decision = decide(kind, rigid, after, law.chance * 0.01 / CHANCE, parameters, over_trials=False)
+    effect = kind(law.droop)
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
     candidate = SlowCandidate(kind, effect, after, decision, silent)
     tried = SlowRound(rigid, (candidate,), candidate if decision.accepted else None)
     shown = predictions(dataset, near, problem, base.model, shared_bias(problem, base.x))
-    return Droop(tried, before, shown, _evidence(loss / stated, torque, p_chance))
+    return Droop(tried, before, shown, _evidence(loss / stated, torque, law))
 
 
 def _torque(problem: Problem, model: ForceModel) -> Array:
@@ -94,22 +96,40 @@ def _torque(problem: Problem, model: ForceModel) -> Array:
     return np.asarray(load.chip_torque + load.edge_torque)
 
 
-def _law(loss: Array, torque: Array, stated: Array) -> tuple[float, float, float, float]:
-    """d and e of loss / stated = d T / stated - e, the standard error of d, and the chance of it.
+class Law(NamedTuple):
+    """Losses over stated speed as d T / stated - e.
 
-    Of no droop the losses are no more than a stated speed may err: by that they must be surer than `CHANCE`,
-    and by going with the torque surer than ten times that.
+    Fields:
+        droop: d, rev/s/(N m); spread: its standard error.
+        off: e, the relative error of all stated speeds.
+        beyond: chance of the losses where no stated speed errs by more than it may.
+        along: chance that they go with the torque as much.
     """
+
+    droop: float
+    off: float
+    spread: float
+    beyond: float
+    along: float
+
+    @property
+    def chance(self) -> float:
+        """What is held against `CHANCE`: of going with the torque ten times as much will do."""
+        return max(self.beyond, self.along / _TIMES_LESS_SURE)
+
+
+def _law(loss: Array, torque: Array, stated: Array) -> Law:
+    """The law of the losses [R], rev/s, under the torques [R], N m."""
     columns = np.stack([torque / stated, -np.ones_like(stated)], axis=1)
     share = loss / stated
     weights, *_ = np.linalg.lstsq(columns, share, rcond=None)
     freedom = max(len(share) - 2, 1)
     variance = max(float(np.sum((share - columns @ weights) ** 2)) / freedom, 1e-300)
-    error = float(np.sqrt(variance * np.linalg.pinv(columns.T @ columns)[0, 0]))
+    spread = float(np.sqrt(variance * np.linalg.pinv(columns.T @ columns)[0, 0]))
     without = float(np.sum((share - np.clip(share.mean(), -SPREAD, SPREAD)) ** 2)) - freedom * variance
     beyond = float(stats.f.sf(without / variance, 1, freedom))
-    along = float(stats.t.sf(weights[0] / error, freedom))
-    return float(weights[0]), float(weights[1]), error, max(beyond, along / _TIMES_LESS_SURE)
+    along = float(stats.t.sf(weights[0] / spread, freedom))
+    return Law(float(weights[0]), float(weights[1]), spread, beyond, along)
 
 
 def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array, stated: Array) -> HeldOut:
@@ -126,13 +146,14 @@ def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array,
     return HeldOut(error + near.rest_n2, near.energy_n2, old.fits, old.fold)
 
 
-def _evidence(share: Array, torque: Array, p_chance: float) -> tuple[str, ...]:
+def _evidence(share: Array, torque: Array, law: Law) -> tuple[str, ...]:
     light, heavy = int(np.argmin(torque)), int(np.argmax(torque))
     together = np.corrcoef(share, torque)[0, 1]
     return (
         f"the spindle turned {share[light]:.1%} slower than stated at {torque[light]:.3g} N m and "
         f"{share[heavy]:.1%} slower at {torque[heavy]:.3g} N m; over {len(share)} trials the loss goes with "
-        f"the torque (correlation {together:.2f}, p = {p_chance:.1g} by chance)",
+        f"the torque (correlation {together:.2f}, p = {law.along:.1g} by chance); p = {law.beyond:.1g} where "
+        f"no stated speed errs by more than {SPREAD:.0%}",
         "without it, every speed was looked for within 1 % of the stated one; with it, within 1 % of what "
         "the motor's stiffness gives under the load of the trial",
     )

@@ -57,7 +57,7 @@ class Vibration:
     """The best pattern in one trial.
 
     Fields:
-        frequency_hz: its strongest line.
+        frequency_hz: its strongest line, or one nearly as strong that other trials share.
         lines_hz: [L] its lines that stand above the noise, the strongest first.
         over_noise: [L] their energy over that of the noise.
         wave_n: [T, 3] the pattern fitted to the whole record.

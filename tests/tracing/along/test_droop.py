@@ -17,15 +17,15 @@ TORQUE = np.array([1.0, 3.0, 1.2, 2.5, 0.9, 2.0, 4.5, 4.0])
 
 def test_the_law_of_the_losses_tells_the_motor_from_the_error_of_the_stated_speeds():
     scatter = 0.001 * STATED * np.random.default_rng(0).normal(size=len(STATED))
-    droop, error, spread, chance = _law(0.8 * TORQUE - 0.004 * STATED + scatter, TORQUE, STATED)
-    assert abs(droop - 0.8) < 3.0 * spread < 0.2
-    assert error == pytest.approx(0.004, abs=0.003)
-    assert chance < CHANCE
+    law = _law(0.8 * TORQUE - 0.004 * STATED + scatter, TORQUE, STATED)
+    assert abs(law.droop - 0.8) < 3.0 * law.spread < 0.2
+    assert law.off == pytest.approx(0.004, abs=0.003)
+    assert law.chance < CHANCE
 
 
 def test_losses_that_do_not_go_with_the_torque_are_not_droop():
     chances = [
-        _law(0.01 * STATED * np.random.default_rng(seed).normal(size=len(STATED)), TORQUE, STATED)[3]
+        _law(0.01 * STATED * np.random.default_rng(seed).normal(size=len(STATED)), TORQUE, STATED).chance
         for seed in range(300)
     ]
     assert np.mean(np.array(chances) < 0.05) < 0.09
@@ -36,13 +36,13 @@ def test_losses_that_no_stated_speed_may_err_by_are_droop_though_they_scatter():
     off = np.array([0.9, -0.6, -0.2, 0.5, 0.3, 0.4, -0.9, 0.6])  # each within 1 %
     share = 0.0035 * TORQUE - 0.01 * off
     along = 0.02 + share  # every one slower by more than 1 %
-    assert _law(share * STATED, TORQUE, STATED)[3] > CHANCE
-    assert along.min() > 0.01 and _law(along * STATED, TORQUE, STATED)[3] < CHANCE
+    assert _law(share * STATED, TORQUE, STATED).chance > CHANCE
+    assert along.min() > 0.01 and _law(along * STATED, TORQUE, STATED).chance < CHANCE
 
 
 def test_speeds_stated_too_high_whatever_the_load_are_not_droop():
     scatter = 0.004 * np.random.default_rng(0).normal(size=len(STATED))
-    assert _law((0.03 + scatter) * STATED, TORQUE, STATED)[3] > CHANCE
+    assert _law((0.03 + scatter) * STATED, TORQUE, STATED).chance > CHANCE
 
 
 @pytest.mark.slow
