@@ -2,8 +2,8 @@
 
 The lines of a record stand where the loaded spindle turned (`spindle`), so no fit to lines can show what
 slowed it. What names droop is the law of the losses, stated - found = d T - e stated, with T the mean torque
-under the fitted model and e one relative error of all stated speeds: a straight line through the trials, steeper
-than chance makes it, and without which the losses are more than stated speeds may err by.
+under the fitted model and e one relative error of all stated speeds: a straight line through the trials,
+steeper than chance makes it, and without which the losses are more than stated speeds may err by.
 
 Held-out error: a speed may be up to 1 % off the stated one and is then fitted on the trial itself. "Before"
 is the base model fitted and scored with every speed within that reach of the stated one, "after" with every
