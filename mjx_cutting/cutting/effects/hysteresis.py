@@ -6,7 +6,7 @@ LuGre model (Canudas de Wit et al., IEEE Trans. Automatic Control 40 (1995) 419-
 
 v the tool's speed along x, d the presliding distance; integrated exactly over a step. Signature: a loop of
 force over position that does not depend on the rate. Confused with a lag of phase, which a sweep of rate
-separates. In steady motion it is a bias.
+separates. In steady motion it is a bias: what tells it is how it builds up from the start of a trial.
 """
 
 from __future__ import annotations

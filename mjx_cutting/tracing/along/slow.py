@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.along.kind import Kind, as_values
 from mjx_cutting.tracing.along.shapes import (
     Sums,
     error_change,
@@ -21,7 +22,7 @@ from mjx_cutting.tracing.along.shapes import (
     solve_in_phase,
     sums,
 )
-from mjx_cutting.tracing.along.slow_kinds import KINDS, Kind, as_values
+from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.decision import (
     TOLERANCE,
@@ -246,7 +247,7 @@ def _in_each(kind: Kind, found: Sums, shape: int, c: Array, weight: Array) -> Ar
     return np.tile(c, (len(found.product), 1))
 
 
-_IN_POSITION = ("material_periodicity", "layered_material", "entry_exit")
+_IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
 
 
 def _reach_of_the_model(kind: Kind, trials: Sequence[Course], shape: Array) -> float:
@@ -275,6 +276,10 @@ def _intervals(
     for name in (each for each in kind.effect.parameters if each in whole):
         error = unsure * np.abs(whole[name]) if name == kind.effect.strength else 0.0
         by_name = np.stack([each[name] for each in by_fold])
+        declared = kind.effect.parameters[name]
+        if name in kind.untold and not np.any(np.append(by_name, whole[name]) != declared.identity):
+            found[name] = Interval(float(whole[name]), declared.low, declared.high, declared.unit)
+            continue
         found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error, on_grid=True)
     return found
 

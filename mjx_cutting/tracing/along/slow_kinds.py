@@ -11,65 +11,21 @@ are in `shapes`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import compress
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.cutting.effects.layered_material import BORDER_M
-from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums, sums
-from mjx_cutting.tracing.records.course import Course, feeds_differ
+from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.presliding import HYSTERESIS
+from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums
+from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 Array = NDArray[np.floating]
-
-
-@dataclass(frozen=True, eq=False)
-class Kind:
-    """How one slow effect is looked for.
-
-    Fields:
-        name: the effect in the library.
-        testable: whether these trials can show it.
-        grid: shapes [P, d] worth trying on these trials.
-        columns: [T, 3, k] what one shape adds for each unit coefficient.
-        sums: the sufficient statistics of many shapes, where there is a faster way than by `columns`.
-        build: the effect from a shape [d] and coefficients [k].
-        own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
-            the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
-        rather: why an effect found is more likely something else, in words; "" where it is not.
-        several: whether there may be more than one of it: a layer beside another, a harmonic of the mains.
-        refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
-    """
-
-    name: str
-    testable: Callable[[Sequence[Course]], bool]
-    grid: Callable[[Sequence[Course]], Array]
-    columns: Callable[[Course, Array], Array]
-    build: Callable[[Array, Array], AbstractEffect]
-    own_phase: bool = False
-    several: bool = False
-    rather: Callable[[Sequence[Course], AbstractEffect], str] | None = None
-    refine: Callable[[Array, Array, float], Array] | None = None
-    sums: Callable[[Sequence[Course], Array], Sums] | None = None
-
-    def sums_of(self, courses: Sequence[Course], shapes: Array) -> Sums:
-        """Sufficient statistics over the shapes [P, d] of every trial."""
-        return sums(self.columns, courses, shapes) if self.sums is None else self.sums(courses, shapes)
-
-    @property
-    def effect(self) -> type[AbstractEffect]:
-        """The effect's class."""
-        return effect_class(self.name)
-
-
-def _at_several_feeds(courses: Sequence[Course]) -> bool:
-    spans = [(float(np.ptp(each.position_m)), float(np.ptp(each.time_s))) for each in courses]
-    return feeds_differ([way / max(time, 1e-9) for way, time in spans])
 
 
 def _wavelengths(courses: Sequence[Course]) -> Array:
@@ -278,12 +234,12 @@ _END_SHARE = 0.03
 _RESOLVED = 1.5
 _FEWEST_APART = 3
 _AS_LARGE = 0.25
-BY_PLACE = ("material_periodicity", "layered_material")
-"""Slow effects of the sheet, bound to places on it."""
+BY_PLACE = ("material_periodicity", "layered_material", "hysteresis")
+"""Slow effects bound to the way, of the sheet or of the drive."""
 KINDS: tuple[Kind, ...] = (
     Kind(
         "material_periodicity",
-        _at_several_feeds,
+        at_several_feeds,
         _wavelengths,
         _periodic,
         _periodic_effect,
@@ -292,7 +248,7 @@ KINDS: tuple[Kind, ...] = (
     ),
     Kind(
         "layered_material",
-        _at_several_feeds,
+        at_several_feeds,
         _layers,
         _layer,
         _layer_effect,
@@ -319,10 +275,6 @@ KINDS: tuple[Kind, ...] = (
         _stair,
         _stair_effect,
     ),
+    HYSTERESIS,
 )
 """Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
-
-
-def as_values(effect: AbstractEffect) -> dict[str, Any]:
-    """Parameter values of an effect as arrays, by name."""
-    return {name: np.asarray(value, dtype=float) for name, value in effect.values().items()}

@@ -102,3 +102,9 @@ def felt_at(trial: Trial, delay_s: float) -> Array:
 def feeds_differ(feeds_m_s: Sequence[float]) -> bool:
     """Whether a place on the path is reached after different times, so that the two can be told apart."""
     return max(feeds_m_s, default=0.0) > _FEEDS_APART * min(feeds_m_s, default=0.0)
+
+
+def at_several_feeds(courses: Sequence[Course]) -> bool:
+    """Whether the feeds that were driven differ as `feeds_differ` asks."""
+    spans = [(float(np.ptp(each.position_m)), float(np.ptp(each.time_s))) for each in courses]
+    return feeds_differ([way / max(time, 1e-9) for way, time in spans])

@@ -6,10 +6,6 @@ BESIDE_LINES = ("regenerative_chatter", "entry_exit")
 """Effects that are not steady and that tracing looks for in a way of their own."""
 
 _NEEDS = {
-    "hysteresis": (
-        "trials in which the feed reverses: while it goes one way the friction of the drive is a constant "
-        "along the feed, as a bias is; cut, stop, go back and cut on, at two feeds"
-    ),
     "process_damping": (
         "the tool's vibration while it cuts, which no force record holds: measure it at the tool, or find "
         "the depth at which chatter sets in at a quarter of the speed and at the full speed"

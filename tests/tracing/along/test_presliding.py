@@ -1,0 +1,81 @@
+"""Friction of the drive that builds up with the way is found; what takes the same time is not called that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.study import make
+from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.along.presliding import HYSTERESIS
+from mjx_cutting.tracing.along.slow import search_slow
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.records.course import Course
+
+RATE_HZ, SECONDS, NOISE_N = 500.0, 4.0, 0.2
+FEEDS_M_S = (0.002, 0.003, 0.005, 0.008, 0.012, 0.02)
+
+
+def _rounds(drag, delay_s: float = 0.0, feeds=FEEDS_M_S):
+    """The rounds on cuts with `drag` (time, way, feed) [T] against the feed, N, felt `delay_s` late."""
+    courses, error = [], []
+    time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
+    for index, feed in enumerate(feeds):
+        generator = np.random.default_rng(index)
+        since = np.maximum(time - delay_s, 0.0)
+        chip = (1.0 + 0.5 * np.cos(2 * np.pi * 80.0 * time + index))[:, None] * np.array([3.0, 5.0, 1.0])
+        left = NOISE_N * generator.normal(size=chip.shape)
+        left[:, 0] -= drag(since, feed * since, feed)
+        course = Course(
+            time, feed * (time - delay_s), None, chip, np.full_like(chip, 2.0), left, RATE_HZ, (0.0, 200.0)
+        )
+        course = replace(course, delay_s=delay_s, left_n=course.own(left[..., None])[..., 0])
+        courses.append(course)
+        error.append(np.sum(course.left_n**2, axis=0))
+    before = HeldOut(np.stack(error), np.full((len(feeds), 3), 1e5), None, np.arange(len(feeds)))
+    return search_slow(courses, before, np.full(3, 1.0 / NOISE_N), kinds=(HYSTERESIS,))
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02])
+def test_presliding_is_found_with_its_way_and_its_force(delay_s):
+    """Also behind a filter, by whose delay the beginning is felt later."""
+    (first, *_) = _rounds(lambda t, s, v: 5.0 * (1.0 - np.exp(-s / 2e-3)), delay_s)
+    assert first.accepted is not None
+    values = first.accepted.effect.values()
+    assert values["coulomb_n"] == pytest.approx(5.0, rel=0.03)
+    assert values["presliding_m"] == pytest.approx(2e-3, rel=0.03)
+    told = first.accepted.decision.parameters
+    assert told["coulomb_n"].low < 5.0 < told["coulomb_n"].high
+    assert told["presliding_m"].low < 2e-3 < told["presliding_m"].high
+
+
+def test_what_the_trials_do_not_tell_is_said_to_be_unknown():
+    """The zero of every trial is free, and with it what grows with the feed."""
+    (first, *_) = _rounds(lambda t, s, v: 5.0 * (1.0 - np.exp(-s / 2e-3)) + 100.0 * v)
+    assert first.accepted is not None
+    told, declared = first.accepted.decision.parameters, first.accepted.kind.parameters
+    for name in ("viscous_n_s_m", "stiction"):
+        assert (told[name].low, told[name].high) == (declared[name].low, declared[name].high)
+
+
+def test_what_settles_in_time_is_no_friction():
+    (first,) = _rounds(lambda t, s, v: 5.0 * (1.0 - np.exp(-t / 0.3)))
+    assert first.accepted is None
+    assert any("same time at every feed" in why for why in first.candidates[0].decision.reasons)
+
+
+def test_at_one_feed_it_is_not_looked_for():
+    assert _rounds(lambda t, s, v: 5.0 * (1.0 - np.exp(-s / 2e-3)), feeds=(0.005,) * 6) == ()
+
+
+@pytest.mark.slow
+def test_a_session_with_hysteresis_is_explained():
+    case = make("mill", {"hysteresis": "medium"}, 405)
+    verdict = trace(case.dataset).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["hysteresis"]
+    found, truth = verdict["effects"][0]["parameters"], case.truth["effects"]["hysteresis"]
+    assert found["presliding_m"]["value"] == pytest.approx(truth["presliding_m"], rel=0.02)
+    assert found["coulomb_n"]["low"] < truth["coulomb_n"] < found["coulomb_n"]["high"]
+    assert verdict["after"]["heldout_nrmse"] < 1.1 * verdict["noise_floor_nrmse"]
