@@ -38,13 +38,12 @@ def _wavelengths(courses: Sequence[Course]) -> Array:
     return 1.0 / waves[:_MOST_SHAPES, None] * [1.0, 0.0]
 
 
-def _varying(course: Course, edge_share: float) -> Array:
-    """[T, 3] force of the chip and of a share of the edge, N."""
-    return course.chip_n + edge_share * course.edge_n
-
-
 def _carrier(course: Course, edge_share: float) -> Array:
-    return _varying(course, edge_share)[..., None]
+    return course.force(edge_share)[..., None]
+
+
+def _whole(course: Course) -> Array:
+    return course.force(1.0)
 
 
 def _position(course: Course) -> Array:
@@ -53,7 +52,7 @@ def _position(course: Course) -> Array:
 
 def _periodic(course: Course, shape: Array) -> Array:
     turn = 2.0 * np.pi * course.position_m / shape[0]
-    force = _varying(course, shape[1])
+    force = course.force(shape[1])
     return np.stack([np.cos(turn)[:, None] * force, -np.sin(turn)[:, None] * force], axis=-1)
 
 
@@ -104,14 +103,14 @@ def _inside(place_m: Array, start_m: Array, length_m: Array) -> Array:
 
 def _layer(course: Course, shape: Array) -> Array:
     inside = _inside(course.position_m, *shape)
-    return (inside[:, None] * _varying(course, 1.0))[..., None]
+    return (inside[:, None] * _whole(course))[..., None]
 
 
 def _layer_sums(courses: Sequence[Course], shapes: Array) -> Sums:
     return profiled_sums(
         courses,
         _position,
-        partial(_varying, edge_share=1.0),
+        _whole,
         lambda place_m, shape: _inside(place_m, shape[:, :1], shape[:, 1:]),
         shapes,
     )
@@ -220,7 +219,7 @@ def _stair(course: Course, shape: Array) -> Array:
     edges = np.concatenate([[-earlier_s], period_s * np.arange(len(step) + 1)])
     fed = np.concatenate([[-earlier_s * held[0], 0.0], period_s * np.cumsum(held)])
     since = np.interp(time_s, edges, fed) - np.interp(time_s - course.pitch_s, edges, fed)
-    return (since[:, None] / course.pitch_s * course.chip_n)[..., None]
+    return (since[:, None] / course.pitch_s * course.force(0.0))[..., None]
 
 
 def _stair_effect(shape: Array, c: Array) -> AbstractEffect:

@@ -34,13 +34,12 @@ def rather_unlike(
     """
     if problem.tool.kind in LEVEL_KINDS:
         return None
-    once = order_of_columns(problem.orders) % problem.tool.teeth != 0
-    old, new = (_squares(problem, *each) for each in ((before, x_before), (after, x_after)))
+    old, new = (squares(problem, *each) for each in ((before, x_before), (after, x_after)))
     noise = (lines.noise_std_n() * np.asarray(problem.weights)) ** 2
     quiet = noise[:, None] * np.asarray(problem.present)[..., None]
     gained = float((old - new).sum())
-    unlike = float((old - new)[:, once].sum()) >= _ITS_WORK * gained
-    its = once if unlike else ~once
+    its = its_lines(problem, old, new)
+    unlike = not its[0]
     there, left = (float((each - quiet)[:, its].sum()) for each in (old, new))
     if not unlike and left <= tolerated(problem, lines) ** 2:
         return None
@@ -51,7 +50,17 @@ def rather_unlike(
     return f"explains {gained / there:.0%} of what repeats at tooth passing and leaves the rest"
 
 
-def _squares(problem: Problem, effects: Effects, x: ArrayLike) -> NDArray[np.floating]:
+def its_lines(
+    problem: Problem, before: NDArray[np.floating], after: NDArray[np.floating]
+) -> NDArray[np.bool_]:
+    """[P] the lines an effect works on, those at tooth passing or all others, by the `squares` before and
+    after it."""
+    once = order_of_columns(problem.orders) % problem.tool.teeth != 0
+    gained = before - after
+    return once if float(gained[:, once].sum()) >= _ITS_WORK * float(gained.sum()) else ~once
+
+
+def squares(problem: Problem, effects: Effects, x: ArrayLike) -> NDArray[np.floating]:
     """[R, P, 3] squared weighted residual of every line."""
     descent = Descent(problem, effects)
     left = descent.rows(np.asarray(x)[None]).left[0, : descent.measured]

@@ -19,6 +19,7 @@ from mjx_cutting.tracing.fitting.screening import Screened
 from mjx_cutting.tracing.guards.level_with_speed import rather_with_speed
 from mjx_cutting.tracing.guards.line_by_line import rather_by_line
 from mjx_cutting.tracing.guards.own_gain import rather_a_factor
+from mjx_cutting.tracing.guards.own_law import rather_their_law
 from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
 from mjx_cutting.tracing.guards.smeared import rather_smeared
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
@@ -92,6 +93,7 @@ def try_effect(
         why = why or rather_smeared(problem, lines, effects, found.x)
         why = why or rather_by_line(problem, effects, before.x, found.x)
         why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
+        why = why or rather_their_law(problem, effects[:-1], before.x, effects, found.x)
         why = why or rather_with_speed(problem, effects, found)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)

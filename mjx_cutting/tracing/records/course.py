@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mjx_cutting.trials.dataset import Trial
 
 _FEEDS_APART = 1.1
+_KNOWN = 0.5
 Array = NDArray[np.floating]
 
 
@@ -57,6 +58,19 @@ class Course:
         """The trial under the steady model that was fitted without a fold."""
         chip, edge = self.chip_by_fold[fold], self.edge_by_fold[fold]
         return replace(self, chip_n=self.chip_n * chip, edge_n=self.edge_n * edge)
+
+    def force(self, edge_share: float) -> Array:
+        """[T, 3] force of the chip and of a share of the edge's, N; nil along an axis of which the fits with a
+        fold left out do not agree how large it is, or even of what sign."""
+        edge_n = edge_share * self.edge_n
+        whole = self.chip_n + edge_n
+        if not len(self.chip_by_fold):
+            return whole
+        energy = np.maximum(np.sum(whole**2, axis=0), 1e-300)
+        of_chip, of_edge = (np.sum(whole * part, axis=0) / energy for part in (self.chip_n, edge_n))
+        by_fold = self.chip_by_fold * of_chip + self.edge_by_fold * of_edge
+        error = np.sqrt((len(by_fold) - 1) * np.var(by_fold, axis=0))  # jackknife
+        return np.where(error < _KNOWN, whole, 0.0)
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""

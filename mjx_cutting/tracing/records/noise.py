@@ -18,8 +18,8 @@ Array = NDArray[np.floating]
 
 
 def noise_floor(dataset: Dataset, lines: Lines) -> float:
-    """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines;
-    for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies.
+    """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines,
+    of the spindle and any other; for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies.
 
     Of a drill that is so whatever is stated: thrust and torque have no common noise.
     """
@@ -35,7 +35,10 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
         cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
         noise = np.sqrt(np.mean([np.mean(white_power(each, rate, band)) for each in cuts]))
     else:
-        noise = np.sqrt(lines.rest_n2.sum() / (3.0 * lines.samples.sum()))
+        rest = lines.rest_n2.sum() / (3.0 * lines.samples.sum())
+        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
+        between = np.mean([np.mean(power_between_lines(each, rate, band)) for each in cuts])
+        noise = np.sqrt(min(rest, between))
     return float(noise / max(force, 1e-12))
 
 

@@ -1,0 +1,51 @@
+"""Is one more effect there, or are those before it only not quite as their laws have them?
+
+Every law is an idealisation: a filter is no exact Butterworth, runout not one circle, a helix not exactly what
+was ground. What an effect found does to the force is calculated right to some per cent of itself, and the
+library holds something that resembles the rest. So a further effect must account for more than that: over
+all lines, and on the lines it works on of what the others do there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.share_of_lines import its_lines, squares
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+
+_OF_ALL = 0.05
+_OF_ITS_LINES = 0.1
+_STEPS = 6
+
+
+def rather_their_law(
+    problem: Problem, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
+) -> str | None:
+    """Why a further effect is refused that does no more than the laws of those before it may be off; None
+    where it is not, or is the first.
+
+    Arguments: as of `share_of_lines.rather_unlike`.
+    """
+    if not before or problem.tool.kind in LEVEL_KINDS:
+        return None
+    base = np.asarray(x_before)[: -sum(kind.size(problem.tool) for kind in before)]
+    base, _ = Descent(problem, ()).descend(base, _STEPS)
+    none, old, new = (squares(problem, *each) for each in (((), base), (before, x_before), (after, x_after)))
+    its = its_lines(problem, old, new)
+    for share, where in ((_OF_ALL, np.ones_like(its)), (_OF_ITS_LINES, its)):
+        accounted, gained = (
+            float(np.sqrt(max((more - less)[:, where].sum(), 0.0)))
+            for more, less in ((none, old), (old, new))
+        )
+        if gained < share * accounted:
+            what = "all that they do" if where.all() else "what they do on its lines"
+            names = " and ".join(kind.name for kind in before)
+            return (
+                f"accounts for {gained / accounted:.1%} of {what}; the laws of {names} are not known better "
+                f"than to {share:.0%}"
+            )
+    return None
