@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry, met_by
+from mjx_cutting.tracing.along.engaged import touches_m
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.moving import wave
@@ -33,6 +34,7 @@ _LEAST_TURNS = 10
 _FEWEST = 4
 _FEWEST_IN_AIR = 10
 _CLEAR = 0.01
+_AT_ONE_PLACE = 0.2
 _SAMPLES_PER_LINE = 3
 _CLOSER = (1.0, 0.2, 0.04, 0.008)
 _STEP = 0.05
@@ -70,6 +72,8 @@ def _traced_inside(
     """What `one_pass` finds between the `ends`, held against the whole records; None where they do not show
     them, or too little is left."""
     start, _, by_axis = ends
+    if not _where_they_touch(found.dataset, start - by_axis * reach, reach):
+        return None
     low = first.decision.parameters["start_m"].low - float(first.effect.values()["start_m"])
     touched = start + min(low, 0.0)
     dataset = _zeroed_in_air(found.dataset, touched - (by_axis + _CLEAR) * reach)
@@ -93,6 +97,14 @@ def _traced_inside(
     old = found.search.base
     base = HeldOut(old.error_n2[kept], whole.before.energy_n2, None, inside.search.base.fold)
     return replace(inside, search=replace(inside.search, base=base))
+
+
+def _where_they_touch(dataset: Dataset, start_m: Array, reach_m: Array) -> bool:
+    """Whether the sheet begins where the tool is seen to touch it first, in the trials that show that: by
+    `start_m` and the way in [R]. Sheets clamped anew begin elsewhere in every trial."""
+    away = np.abs(touches_m(dataset) - start_m) / reach_m
+    seen = np.isfinite(away)
+    return not seen.any() or bool(np.median(away[seen]) < _AT_ONE_PLACE)
 
 
 def _places(found: SlowCandidate) -> Ends:

@@ -17,6 +17,8 @@ from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.engaged import Engaged, engaged
+from mjx_cutting.tracing.along.offset import NAME as OFFSET
+from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
@@ -101,6 +103,8 @@ def trace(
             found = _with_vibration(found)
         if any(kind.name == DROOP for kind in kinds):
             found = _with_droop(found)
+        if any(kind.name == OFFSET for kind in kinds) and found.search.problem.motion is None:
+            found = _with_offset(found)
         reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
@@ -196,6 +200,22 @@ def _with_droop(found: Pass) -> Pass:
         model=found.model.with_effects(droop.round.accepted.effect),
         slow=(droop.round, *found.slow),
         evidence=found.evidence | {DROOP: droop.evidence},
+    )
+
+
+def _with_offset(found: Pass) -> Pass:
+    """A force that is late against the measured angle: every fit left the phases free, so it comes before all
+    others, as droop does."""
+    late = find_offset(found.dataset, found.lines, found.search, found.final, found.before, found.after)
+    if late is None or late.round.accepted is None:
+        return found
+    return replace(
+        found,
+        search=replace(found.search, base=late.base),
+        before=late.before,
+        model=found.model.with_effects(late.round.accepted.effect),
+        slow=(late.round, *found.slow),
+        evidence=found.evidence | {OFFSET: late.evidence},
     )
 
 

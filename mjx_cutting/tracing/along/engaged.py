@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.tracing.along.ends import way_in_m
@@ -20,9 +21,11 @@ from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
 
 _AIR = 0.2
+_STILL = 0.1
 _LEVEL = 0.85
 _USUAL = 75.0
 _CLEAR = 1.1
+_AT_ONCE = 0.3
 _FEWEST_TURNS = 3.0
 _LEAST_TURNS = 10.0
 _FEWEST_IN_AIR = 10
@@ -99,22 +102,55 @@ class _Stay:
     air: int
 
 
+def touches_m(dataset: Dataset) -> NDArray[np.floating]:
+    """[R] position along the path where each cut trial first touches, m; nan where it begins in the cut."""
+    found = []
+    for trial in dataset.trials:
+        if trial.kind == "cut":
+            touching, _, turn = _sizes(trial)
+            in_air = touching[0] >= round(_FEWEST_TURNS * turn)
+            found.append(along_path(trial)[touching[0]] if in_air else np.nan)
+    return np.asarray(found)
+
+
+def _sizes(trial: Trial) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Samples at which the force over a turn is more than next to none, and at which it has reached its
+    level; samples a turn."""
+    rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
+    turn = max(round(rate_hz / trial.spindle_speed_rev_s), 1)
+    mean, square = (
+        uniform_filter1d(each, turn, axis=0, mode="nearest") for each in (trial.force_n, trial.force_n**2)
+    )
+    swing = np.sqrt(np.maximum(np.sum(square - mean**2, axis=1), 0.0))
+    quiet = int(np.argmin(swing))
+    # where nothing swings but where the teeth do, what is left is the sensor's zero
+    zero = mean[quiet] if swing[quiet] < _STILL * np.percentile(swing, _USUAL) else np.zeros(3)
+    size = np.sqrt(np.maximum(np.sum(square - 2.0 * zero * mean + zero**2, axis=1), 0.0))
+    level = float(np.percentile(size, _USUAL))
+    # of a record of no force at all every sample is at its level
+    return np.flatnonzero(size >= _AIR * level), np.flatnonzero(size >= _LEVEL * level), turn
+
+
 def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
     """Where the tool is in the cut; None where it is from the first sample to the last."""
     rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
-    turn = max(round(rate_hz / trial.spindle_speed_rev_s), 1)
-    size = np.sqrt(uniform_filter1d(np.sum(trial.force_n**2, axis=1), turn, mode="nearest"))
-    level = float(np.percentile(size, _USUAL))
-    touching = np.flatnonzero(size > _AIR * level)
-    full = np.flatnonzero(size > _LEVEL * level)
+    touching, full, turn = _sizes(trial)
     least = round(_FEWEST_TURNS * turn)
-    before, after = int(touching[0]), len(size) - 1 - int(touching[-1])
+    last_sample = len(trial.time_s) - 1
+    before, after = int(touching[0]), last_sample - int(touching[-1])
     if max(before, after) < least:
         return None
-    way_m = float(way_in_m(trial.radial_depth_m, tool.diameter_m))
-    ramp = turn + round(_CLEAR * way_m / trial.feed_speed_m_s * rate_hz)
-    first = int(max(full[0] + turn, touching[0] + ramp)) if before >= least else 0
-    last = int(min(full[-1] - turn, touching[-1] - ramp)) if after >= least else len(size) - 1
+    way_in = float(way_in_m(trial.radial_depth_m, tool.diameter_m)) / trial.feed_speed_m_s * rate_hz
+
+    def within(touched: int, reached: int) -> int:
+        """Samples from the first touch until force and arc are full. Where the force is at its level long
+        before geometry would have it, the tool began in a pocket, its arc full at once."""
+        risen = abs(reached - touched)
+        ramp = round(_CLEAR * way_in) if risen > _AT_ONCE * way_in else 0
+        return turn + max(risen, ramp)
+
+    first = int(touching[0]) + within(touching[0], full[0]) if before >= least else 0
+    last = int(touching[-1]) - within(touching[-1], full[-1]) if after >= least else last_sample
     return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0)
 
 

@@ -229,7 +229,7 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
 _MOST_SHAPES = 2000
 _FEWEST_WAVES = 2.0
 _MAINS_STRAY_HZ = 0.06
-_END_SHARE = 0.03
+_END_SHARE = 0.01
 _RESOLVED = 1.5
 _FEWEST_APART = 3
 _AS_LARGE = 0.25

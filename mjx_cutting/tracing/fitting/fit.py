@@ -77,9 +77,13 @@ def fit_base(problem: Problem) -> tuple[Problem, Fit]:
 
 
 def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
-    """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force."""
+    """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force; none along
+    the axis of the tool where nothing was recorded."""
+    axial = float(problem.alive[2])
     rows = [
-        [1.0, radial, 0.2, edge, radial * edge, 0.1 * edge] for radial in (0.15, 0.5) for edge in (0.1, 1.0)
+        [1.0, radial, 0.2 * axial, edge, radial * edge, 0.1 * axial * edge]
+        for radial in (0.15, 0.5)
+        for edge in (0.1, 1.0)
     ]
     bias = [0.0] * (3 if problem.shared_bias else 0)
     given = [value for each in problem.given for value in each.starts(problem.tool)[0]]
@@ -105,10 +109,11 @@ def spread(problem: Problem, found: Fit) -> float:
 
 
 def lines_measured(problem: Problem) -> int:
-    """Real numbers a fit is made to: present lines times axes, of a drill two, less the free biases; and the
-    levels in air."""
-    axes = 2 if problem.tool.kind == "drill" else 3
-    free = int(np.sum(np.asarray(problem.bias_spread_n) > 0.0)) * problem.trials
+    """Real numbers a fit is made to: present lines times axes on which anything was recorded, of a drill two,
+    less the free biases; and the levels in air."""
+    alive = np.array(problem.alive)
+    axes = int(alive.sum())
+    free = int(np.sum(alive & (np.asarray(problem.bias_spread_n) > 0.0))) * problem.trials
     return axes * (int(np.asarray(problem.present).sum()) + in_air(problem) // 3) - free
 
 

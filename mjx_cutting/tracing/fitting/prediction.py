@@ -96,16 +96,18 @@ def predictions(
     shared_bias_n: ArrayLike = 0.0,
     still: bool = False,
     only: Collection[int] | None = None,
+    turn_rad: ArrayLike = 0.0,
 ) -> tuple[Prediction, ...]:
     """The same from parts already made (call it in float64); the speeds are those of `lines`, but where lines
     move along the path. `still`: with one set of lines for a whole trial, as a fit has it; `only`: places of
-    the trials that matter, whose angle is found again under moving lines; default all."""
+    the trials that matter, whose angle is found again under moving lines; default all; `turn_rad` [R]: by how
+    much further than fitted the tool of each trial is turned."""
     model, _ = _at_loaded_speed(model)
     knots = 0 if still else _KNOTS if by_position(model) else _FEW_KNOTS if grows(model) else 0
     places = _along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
-    phases, biases = np.asarray(left.phase_rad), np.array(left.bias_n)
+    phases, biases = np.asarray(left.phase_rad) + turn_rad, np.array(left.bias_n)
     rate_hz, weight = dataset.sensor.sample_rate_hz, np.asarray(problem.weights)
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     results = []

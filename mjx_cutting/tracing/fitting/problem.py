@@ -67,6 +67,7 @@ class Problem(eqx.Module):
         tolerance: share of the force by which any model of it may be wrong (static).
         given: effects that every model has, and that are not looked for (static).
         air: levels in air, where all trials share one bias.
+        alive: axes on which anything was recorded; of the others nothing is predicted (static).
     """
 
     tool: Tool
@@ -89,6 +90,7 @@ class Problem(eqx.Module):
     given: tuple[type[AbstractEffect], ...] = eqx.field(static=True, default=())
     tolerance: float = eqx.field(static=True, default=TOLERANCE)
     air: Air | None = None
+    alive: tuple[bool, bool, bool] = eqx.field(static=True, default=(True, True, True))
 
     @property
     def trials(self) -> int:
@@ -159,7 +161,14 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         angles=angles,
         arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
         air=air,
+        alive=_alive(trials),
     )
+
+
+def _alive(trials: Sequence[Trial]) -> tuple[bool, bool, bool]:
+    """Axes on which the records are not nil throughout, as those of a channel that was not connected are."""
+    x, y, z = np.any([np.any(trial.force_n != 0.0, axis=0) for trial in trials], axis=0).tolist()
+    return x, y, z
 
 
 def _bias_shows(kind: str, trials: Sequence[Trial]) -> bool:
@@ -285,7 +294,7 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
         node, weight = np.polynomial.legendre.leggauss(_PLACES)
         return jnp.tensordot(0.5 * weight, jax.vmap(at)(cut.position_m + 0.5 * path_m * node), axes=1)
 
-    lines = jax.vmap(along)(problem.cut, problem.path_m, problem.motion)
+    lines = jax.vmap(along)(problem.cut, problem.path_m, problem.motion) * np.array(problem.alive)
     return lines * response(problem, model)[..., None]
 
 
