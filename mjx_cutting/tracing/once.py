@@ -1,5 +1,7 @@
 """One pass over a data set: the search over steady effects, then the one over effects along a trial.
 
+Of a sensor without a filter, what the teeth do beyond the highest line is taken off first (`edges`).
+
 A steady model fitted to records that hold an effect along the trial has taken part of it for its own (a layer
 lowers the constants), or does not see a steady effect beneath it. So what was found is taken out of the
 records, the steady search made again on the rest, and that along the trial beside its outcome; only then are
@@ -27,6 +29,7 @@ from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound, search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.waves import courses
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
+from mjx_cutting.tracing.fitting.edges import without_edges
 from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
 from mjx_cutting.tracing.fitting.prediction import Prediction, grows, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
@@ -150,6 +153,8 @@ def once(
     `posed` makes the fitting problem of the trials.
     """
     progress("reading the lines of every trial")
+    if posed is pose:
+        dataset = without_edges(dataset, band_hz)
     searches = _Searches(band_hz, tuple(kind.name for kind in kinds), seed, progress, posed)
     alone = searches.steady(dataset, steady)
     first = searches.along(alone, alone.search.final, in_range=False)

@@ -27,6 +27,7 @@ from mjx_cutting.tracing.once import Pass, for_use, in_ramps, near_floor, once
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.sheet import inside_the_sheet
+from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import Above, above_band
 from mjx_cutting.tracing.telling.axes import Reading, better_reading
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
@@ -76,6 +77,22 @@ def trace(
     Raises:
         ValueError: unknown effect, fewer than two cut trials, or an empty band.
     """
+    found = _trace(dataset, band_hz, effects, seed, progress)
+    if found.verdict["verdict"] != "unexplained" or (one := spoiled(found.dataset, found.final)) is None:
+        return found
+    progress(f"once more, without {one.file}")
+    again = _trace(without(dataset, one), band_hz, effects, seed, progress)
+    return found if again.verdict["verdict"] == "unexplained" else again
+
+
+def _trace(
+    dataset: Dataset,
+    band_hz: tuple[float, float] | None,
+    effects: Sequence[str] | None,
+    seed: int,
+    progress: Callable[[str], None],
+) -> Tracing:
+    """`trace`, with every trial."""
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]

@@ -1,7 +1,7 @@
 """Time offset, named from the phases: by how much the force lags the measured angle at each speed.
 
-A fit leaves the phase of every trial free, at which its teeth stand at the measured angle. That is the zero of
-the encoder, the same in all trials; if the force is late by a time D, it goes with the speed f:
+A fit leaves the phase of every trial free, at which its teeth stand at the measured angle. That is the zero
+of the encoder, the same in all trials; if the force is late by a time D, it goes with the speed f:
 
     phase = zero - 2 pi f D, known but for whole teeth
 
@@ -160,6 +160,6 @@ def _closer(phase: Array, speed: Array, teeth: int, delay_s: float) -> float:
 def _evidence(without: Array, rest: Array, p: float) -> tuple[str, ...]:
     apart, together = (np.degrees(np.sqrt(np.mean(each**2))) for each in (without, rest))
     return (
-        f"the phase of the cut against the measured angle differs by {apart:.2g} deg from trial to trial, and "
-        f"by {together:.2g} deg once the force is taken to be late by one time in all (p = {p:.1g} by chance)",
+        f"the phase of the cut against the measured angle differs by {apart:.2g} deg from trial to trial, "
+        f"and by {together:.2g} deg once the force is late by one time in all (p = {p:.1g} by chance)",
     )

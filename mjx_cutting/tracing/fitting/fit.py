@@ -77,8 +77,8 @@ def fit_base(problem: Problem) -> tuple[Problem, Fit]:
 
 
 def base_starts(problem: Problem) -> np.ndarray[Any, Any]:
-    """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force; none along
-    the axis of the tool where nothing was recorded."""
+    """[n, U] starts of the base model: ratios of radial to tangential force, of edge to chip force; no force
+    along the tool's axis where nothing was recorded."""
     axial = float(problem.alive[2])
     rows = [
         [1.0, radial, 0.2 * axial, edge, radial * edge, 0.1 * axial * edge]

@@ -1,8 +1,8 @@
 """Is one more effect there, or are those before it only not quite as their laws have them?
 
-Every law is an idealisation: a filter is no exact Butterworth, runout not one circle, a helix not exactly what
-was ground. What an effect found does to the force is calculated right to some per cent of itself, and the
-library holds something that resembles the rest. So a further effect must account for more than that: over
+Every law is an idealisation: a filter is no exact Butterworth, runout not one circle, a helix not exactly
+what was ground. What an effect found does to the force is calculated right to some per cent of itself, and
+the library holds something that resembles the rest. So a further effect must account for more than that: over
 all lines, and on the lines it works on of what the others do there.
 """
 

@@ -60,8 +60,8 @@ class Course:
         return replace(self, chip_n=self.chip_n * chip, edge_n=self.edge_n * edge)
 
     def force(self, edge_share: float) -> Array:
-        """[T, 3] force of the chip and of a share of the edge's, N; nil along an axis of which the fits with a
-        fold left out do not agree how large it is, or even of what sign."""
+        """[T, 3] force of the chip and of a share of the edge's, N; nil along an axis of which the fits with
+        a fold left out do not agree how large it is, or even of what sign."""
         edge_n = edge_share * self.edge_n
         whole = self.chip_n + edge_n
         if not len(self.chip_by_fold):

@@ -19,7 +19,8 @@ Array = NDArray[np.floating]
 
 def noise_floor(dataset: Dataset, lines: Lines) -> float:
     """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines,
-    of the spindle and any other; for levels, of which all that changes in a trial lies beside, from what is alike at all frequencies.
+    of the spindle and any other; for levels, of which all that changes in a trial lies beside, from what is
+    alike at all frequencies.
 
     Of a drill that is so whatever is stated: thrust and torque have no common noise.
     """

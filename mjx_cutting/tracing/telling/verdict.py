@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,9 @@ def verdict(
     floor = noise_floor(dataset, lines)
     least = reached(floor, found.problem.tolerance)
     accepted = [each for each in found.rounds if each.accepted is not None]
-    ambiguous = [pair for each in accepted if (pair := _tie(each, dataset, lines, found)) is not None]
+    both = {each.accepted.kind for each in accepted if each.accepted is not None}
+    ties = (_tie(each, both, dataset, lines, found) for each in accepted)
+    ambiguous = [pair for pair in ties if pair is not None]
     named = [_effect(each, own, evidence) for each, own in zip(accepted, found.intervals, strict=True)]
     for each in slow:
         if each.accepted:
@@ -219,13 +221,15 @@ def _parameter(found: Interval) -> dict[str, Any]:
     return {**{name: _plain(each) for name, each in told.items()}, "unit": found.unit}
 
 
-def _tie(each: Round, dataset: Dataset, lines: Lines, found: Search) -> dict[str, Any] | None:
-    """The accepted effect and another that is not worse beyond two standard errors and passed every test, or
-    all but that which would tell the two apart."""
+def _tie(
+    each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
+) -> dict[str, Any] | None:
+    """The accepted effect and another, not `named` itself, that is not worse beyond two standard errors and
+    passed every test, or all but that which would tell the two apart."""
     assert each.accepted is not None
     best = each.accepted.heldout
     for other in each.candidates:
-        if other is each.accepted or not (other.decision.accepted or other.decision.untold):
+        if other.kind in named or not (other.decision.accepted or other.decision.untold):
             continue
         second, first = (each.error_n2.sum(axis=1) for each in (other.heldout, best))
         gap = second - first
