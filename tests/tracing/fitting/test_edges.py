@@ -1,0 +1,91 @@
+"""Steps that an unfiltered sensor samples as they are do not stand in the records as noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjx_cutting import _platform
+from mjx_cutting.tracing.fitting.edges import without_edges
+from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
+
+RATE_HZ, TEETH, NOISE_N = 2000.0, 4, 0.2
+BAND = (0.0, 0.5 * RATE_HZ)
+
+
+def _straight_teeth(wear: float = 0.0, smoothed_s: float = 0.0) -> Dataset:
+    """Half-immersed cuts of straight teeth, sampled as they are or as a slow sensor has them; the edge force
+    grows by a share from trial to trial."""
+    generator, trials = np.random.default_rng(1), []
+    for index, (speed, chip) in enumerate([(23.3, 5e-5), (26.1, 3e-5), (23.3, 9e-5), (26.1, 7e-5)]):
+        time = np.arange(4000) / RATE_HZ
+        own, phase = speed * (1.0 + 0.003 * generator.uniform(-1.0, 1.0)), generator.uniform(0.0, 6.28)
+        inner = np.linspace(-smoothed_s, 0.0, 24 if smoothed_s else 1)
+        force = np.mean(
+            [_force(2 * np.pi * own * (time + d) + phase, chip, wear * index) for d in inner], axis=0
+        )
+        force += NOISE_N * generator.normal(size=force.shape) + generator.normal(size=3)
+        trials.append(
+            Trial(
+                file=f"t{index}.csv",
+                kind="cut",
+                milling="conventional",
+                time_s=time,
+                force_n=force,
+                spindle_speed_rev_s=speed,
+                feed_speed_m_s=chip * TEETH * own,
+                radial_depth_m=0.008,
+                axial_width_m=2e-3,
+                material="any",
+            )
+        )
+    return Dataset(
+        name="steps",
+        source="test",
+        licence="CC0-1.0",
+        tool=ToolInfo("end_mill", TEETH, 0.016),
+        sensor=Sensor(RATE_HZ),
+        trials=tuple(trials),
+    )
+
+
+def _force(angle: np.ndarray, chip_m: float, wear: float) -> np.ndarray:
+    """[T, 3] mechanistic force of teeth in the arc from 0 to a quarter of a turn, N."""
+    total = np.zeros((len(angle), 3))
+    for tooth in range(TEETH):
+        at = np.mod(angle - 2.0 * np.pi * tooth / TEETH, 2.0 * np.pi)
+        inside = (at > 0.0) & (at < 0.5 * np.pi)
+        chip = chip_m * np.sin(at)
+        tangential, radial, axial = (
+            inside * 2e-3 * (k * chip + e * (1.0 + wear)) for k, e in ((8e8, 2e4), (2.4e8, 1.6e4), (1e8, 4e3))
+        )
+        total[:, 0] += -tangential * np.cos(at) - radial * np.sin(at)
+        total[:, 1] += tangential * np.sin(at) - radial * np.cos(at)
+        total[:, 2] -= axial
+    return total
+
+
+def _between(dataset: Dataset) -> float:
+    """Share of the force that no line holds."""
+    lines = compress(dataset, BAND)
+    return float(np.sqrt(lines.rest_n2.sum() / lines.energy_n2.sum()))
+
+
+@pytest.mark.parametrize("wear", [0.0, 0.3])
+def test_what_edges_leave_between_the_lines_is_taken_off(wear):
+    """Also where the edges wear, of which the base model knows nothing."""
+    dataset = _straight_teeth(wear)
+    with _platform.x64():
+        rest = without_edges(dataset, BAND)
+        assert _between(rest) < 0.5 * _between(dataset)
+
+
+def test_a_sensor_that_takes_them_away_is_left_alone():
+    slow, stated = _straight_teeth(smoothed_s=2e-3), _straight_teeth()
+    filtered = replace(stated, sensor=replace(stated.sensor, anti_alias=AntiAlias(order=4, hz=500.0)))
+    with _platform.x64():
+        assert without_edges(slow, BAND) is slow
+        assert without_edges(filtered, BAND) is filtered

@@ -1,0 +1,56 @@
+"""A further effect must do more than the laws of those before it may be off."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting import Tool
+from mjx_cutting.cutting.effects import RadialRunout, SizeEffect, Unbalance
+from mjx_cutting.tracing.guards import own_law
+from mjx_cutting.tracing.guards.own_law import rather_their_law
+
+
+class _Posed(NamedTuple):
+    """What the guard reads of a problem: the tool, and the highest order."""
+
+    tool: Tool
+    orders: int
+
+
+class _Still:
+    """A descent that stays where it is."""
+
+    def __init__(self, problem, effects):
+        pass
+
+    def descend(self, start, steps):
+        return start, 0.0
+
+
+# squares that the base model, one effect and two leave: at tooth passing (order 2), and beside it (order 1)
+@pytest.mark.parametrize(
+    ("beside", "at_passing", "refused"),
+    [
+        ((0.0, 0.0, 0.0), (1000.0, 50.0, 1.0), None),
+        ((0.0, 0.0, 0.0), (1000.0, 3.0, 1.0), "all that they do"),
+        ((0.0, 0.0, 0.0), (1000.0, 8.0, 1.0), "on its lines"),
+        ((1000.0, 1.0, 1.0), (8.0, 8.0, 1.0), None),
+    ],
+)
+def test_what_is_within_the_law_of_another_is_refused(monkeypatch, beside, at_passing, refused):
+    size = RadialRunout.size(Tool("end_mill", 2, 0.01))
+    squares = np.zeros((3, 1, 5, 3))
+    squares[:, 0, 1, 0], squares[:, 0, 3, 0] = beside, at_passing
+    monkeypatch.setattr(own_law, "Descent", _Still)
+    monkeypatch.setattr(own_law, "squares", lambda problem, effects, x: squares[len(effects)])
+    posed = _Posed(Tool("end_mill", 2, 0.01), 2)
+    before, after = (RadialRunout,), (RadialRunout, SizeEffect)
+    why = rather_their_law(posed, before, np.zeros(6 + size), after, np.zeros(7 + size))
+    assert why is None if refused is None else refused in why
+
+
+def test_the_first_effect_has_no_law_before_it():
+    assert rather_their_law(None, (), np.zeros(6), (Unbalance,), np.zeros(8)) is None

@@ -1,0 +1,45 @@
+"""A record that went wrong is left out by name; what all trials show is not blamed on one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.spoiled import spoiled
+from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.synthetic import Hidden
+
+
+def _with_a_loose_cable(dataset: Dataset) -> Dataset:
+    """The third record, of which a fifth is lost in noise."""
+    first, second, third, *rest = dataset.trials
+    force = third.force_n.copy()
+    lost = slice(len(force) // 2, 7 * len(force) // 10)
+    force[lost] = np.random.default_rng(0).normal(size=force[lost].shape)
+    return replace(dataset, trials=(first, second, replace(third, force_n=force), *rest))
+
+
+def test_a_spoiled_record_is_left_out_and_nothing_is_missing_in_the_others(mill):
+    verdict = trace(_with_a_loose_cable(mill()), effects=["radial_runout", "size_effect"]).verdict
+    assert verdict["verdict"] == "nothing missing"
+    (out,) = verdict["left_out"]
+    assert out["file"] == "t03.csv" and "others" in out["reason"]
+
+
+def test_the_effect_in_the_others_is_named(mill):
+    verdict = trace(_with_a_loose_cable(mill(Hidden(runout_m=1e-5))), effects=["radial_runout"]).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["radial_runout"]
+
+
+def test_what_is_missing_in_every_trial_spoils_none(mill):
+    dataset = mill()
+    force = 1e3 * np.ones((6, 3))
+    for error in ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [1.0, 1.0, 20.0, 20.0, 1.0, 1.0]):
+        left = HeldOut(np.outer(error, np.ones(3)), force, None, np.arange(6))
+        assert spoiled(dataset, left) is None
+    one = HeldOut(np.outer([1.0, 1.0, 60.0, 1.0, 1.0, 1.0], np.ones(3)), force, None, np.arange(6))
+    found = spoiled(dataset, one)
+    assert found is not None and found.file == "t03.csv"
