@@ -16,7 +16,7 @@ from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.course import Course, along_path
 from mjx_cutting.tracing.records.lines import compress, trusted_band
-from mjx_cutting.tracing.sheet import _zeroed_in_air
+from mjx_cutting.tracing.sheet import _where_they_touch, _zeroed_in_air
 from mjx_cutting.tracing.trace import trace
 
 START_M, END_M = 1e-3, 30e-3
@@ -94,3 +94,19 @@ def test_a_layer_does_not_spoil_the_constants_it_is_measured_by():
     truth = case.truth["effects"]["layered_material"]
     assert effect["parameters"]["change"]["value"] == pytest.approx(truth["change"], abs=0.02)
     assert found["after"]["heldout_nrmse"] < 0.15 * found["before"]["heldout_nrmse"]
+
+
+@pytest.mark.parametrize(("apart_m", "one_place"), [(0.0, True), (0.004, False)])
+def test_sheets_clamped_anew_begin_nowhere_in_particular(mill, apart_m, one_place):
+    made, trials = mill(), []
+    places = 0.02 + apart_m * np.array([0.0, 1.0, -1.0, 2.0, -2.0, 1.5])
+    for trial, place in zip(made.trials, places, strict=True):
+        along = np.linspace(0.0, 0.08, len(trial.time_s))
+        force = np.where(along[:, None] > place, trial.force_n, 0.0)
+        position = along[:, None] * np.array([1.0, 0.0, 0.0])
+        trials.append(replace(trial, force_n=force, position_m=position))
+    dataset = replace(made, trials=tuple(trials))
+    reach_m = np.full(6, 0.008)
+    assert _where_they_touch(dataset, 0.02 + 0.0 * places, reach_m) == one_place
+    # what never shows its air says nothing of it
+    assert _where_they_touch(made, places, reach_m)

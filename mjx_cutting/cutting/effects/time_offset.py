@@ -1,8 +1,8 @@
 """Time offset: the force channel lags the angle or the position by a fixed time.
 
 F(t - D). Signature: in steady cutting the free phase of a trial absorbs it; it shows against a measured angle
-or position, and at starts. Confused with a low-pass filter, which takes amplitude too. In a record the delay
-is kept in HISTORY steps (a longer one gives NaN: take longer steps).
+at several speeds, and at starts. Confused with a low-pass filter, which takes amplitude too. In a record the
+delay is kept in HISTORY steps (a longer one gives NaN: take longer steps).
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mjx_cutting.trials.dataset import Trial
 
 _FEEDS_APART = 1.1
-_KNOWN = 0.5
+_KNOWN = 1.0
 Array = NDArray[np.floating]
 
 
@@ -61,7 +61,7 @@ class Course:
 
     def force(self, edge_share: float) -> Array:
         """[T, 3] force of the chip and of a share of the edge's, N; nil along an axis of which the fits with
-        a fold left out do not agree how large it is, or even of what sign."""
+        a fold left out do not agree even of what sign it is."""
         edge_n = edge_share * self.edge_n
         whole = self.chip_n + edge_n
         if not len(self.chip_by_fold):

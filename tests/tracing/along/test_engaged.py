@@ -39,6 +39,23 @@ def test_what_is_kept_lies_where_the_arc_is_full(mill):
     assert found.dataset.sensor.zeroed == "session"
 
 
+def test_out_of_a_pocket_the_arc_is_full_at_once(mill):
+    """The force is at its level within a turn: no way in is cut off, though geometry knows one."""
+    made, trials, times = mill(), [], {}
+    for index, trial in enumerate(made.trials):
+        first, last = 0.15 + 0.01 * index, trial.time_s[-1] - 0.15
+        cutting = (trial.time_s >= first) & (trial.time_s <= last)
+        # a zero that is as large as half of the force
+        force = np.where(cutting[:, None], trial.force_n, 0.0) + 0.5 * np.sqrt(np.mean(trial.force_n**2))
+        trials.append(replace(trial, force_n=force))
+        times[trial.file] = (first, last)
+    found = engaged(replace(made, trials=tuple(trials)))
+    assert found is not None and set(found.spans_s) == set(times)
+    for file, (low, high) in found.spans_s.items():
+        first, last = times[file]
+        assert first < low < first + 0.08 and last - 0.08 < high < last
+
+
 def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
     assert engaged(mill()) is None and engaged(saw()) is None
 

@@ -93,6 +93,12 @@ def test_force_that_is_missing_at_the_end_of_the_path_is_no_layer():
     assert "enters or leaves the sheet" in layer.decision.reasons[0]
 
 
+def test_a_layer_near_the_beginning_is_one_where_there_is_force_before_it():
+    found = _with_a_layer(-0.3, 0.0008, 0.006)[0].accepted
+    assert found is not None and found.kind.name == "layered_material"
+    assert found.effect.values()["start_m"] == pytest.approx(0.0008, abs=1e-4)
+
+
 def test_noise_is_given_no_name():
     assert _named(lambda s, i: 0.0 * s)[0] == []
 

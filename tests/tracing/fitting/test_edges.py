@@ -9,6 +9,9 @@ import pytest
 
 from mjx_cutting import _platform
 from mjx_cutting.tracing.fitting.edges import without_edges
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.prediction import predictions
+from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
 
@@ -89,3 +92,19 @@ def test_a_sensor_that_takes_them_away_is_left_alone():
     with _platform.x64():
         assert without_edges(slow, BAND) is slow
         assert without_edges(filtered, BAND) is filtered
+
+
+def test_a_channel_that_was_not_connected_is_not_fitted():
+    """Of one axis the constants still come out; nothing is predicted on the others."""
+    made = _straight_teeth(smoothed_s=2e-4)
+    trials = tuple(replace(t, force_n=t.force_n * np.array([0.0, 1.0, 0.0])) for t in made.trials)
+    with _platform.x64():
+        dataset = replace(made, trials=trials)
+        lines = compress(dataset, BAND)
+        problem, base = fit_base(pose(dataset, lines))
+        shown = predictions(dataset, lines, problem, base.model)
+    left = np.concatenate([each.residual_n for each in shown])
+    force = np.concatenate([each.measured_n for each in shown])
+    assert not left[:, [0, 2]].any()
+    assert np.sqrt(np.mean(left**2) / np.mean(force**2)) < 0.1
+    assert float(base.model.material.K_tc_n_m2) == pytest.approx(8e8, rel=0.1)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.records.noise import power_between_lines, white_power
+from mjx_cutting import _platform
+from mjx_cutting.tracing.records.noise import noise_floor, power_between_lines, white_power
 
 RATE_HZ = 250.0
 
@@ -42,3 +45,17 @@ def test_a_short_record_has_noise_too(samples):
     record = np.random.default_rng(7).normal(size=(samples, 3))
     power = power_between_lines(record, RATE_HZ, (0.0, 125.0))
     np.testing.assert_allclose(power.mean(), np.var(record, axis=0).mean(), rtol=0.6)
+
+
+def test_a_wave_along_the_sheet_is_no_noise_of_a_sensor_of_which_none_was_stated(mill, posed):
+    """Periodic material stands between the lines of the spindle; without a stated noise it must not pass
+    for it."""
+    made = mill()
+    made = replace(made, sensor=replace(made.sensor, noise_std_n=None))
+    waved = tuple(
+        replace(t, force_n=t.force_n * (1.0 + 0.1 * np.cos(2.0 * np.pi * 5.0 * t.time_s))[:, None])
+        for t in made.trials
+    )
+    with _platform.x64():
+        quiet, heard = (noise_floor(each, posed(each)[0]) for each in (made, replace(made, trials=waved)))
+    assert heard == pytest.approx(quiet, rel=0.3)
