@@ -3,7 +3,7 @@
 Whatever makes teeth unlike each other (a dull sector, a mixed set of inserts) leaves lines at all multiples
 of the spindle, and every effect that does the same takes its share of them; so does, at tooth passing, every
 effect that bends the force under a tooth, whatever bends it. The true one takes most; of two that are there
-together the larger takes a good part. One that takes little of the lines it works on, and leaves more there
+together the larger takes a good part, and the other most of the rest. One that takes little of the lines it works on, and leaves more there
 than a model may be off, is not the cause; nor one that gives back at tooth passing what it takes once a turn.
 """
 
@@ -22,6 +22,7 @@ from mjx_cutting.tracing.records.lines import Lines, order_of_columns
 _ITS_WORK = 0.5
 _LEAST_PART = 0.3
 _LEAST_AT_TOOTH_PASSING = 0.4
+_LEAST_OF_THE_REST = 0.7
 
 
 def rather_unlike(
@@ -43,7 +44,8 @@ def rather_unlike(
     there, left = (float((each - quiet)[:, its].sum()) for each in (old, new))
     if not unlike and left <= tolerated(problem, lines) ** 2:
         return None
-    if gained >= (_LEAST_PART if unlike else _LEAST_AT_TOOTH_PASSING) * there:
+    at_passing = _LEAST_OF_THE_REST if before else _LEAST_AT_TOOTH_PASSING
+    if gained >= (_LEAST_PART if unlike else at_passing) * there:
         return None
     if unlike:
         return f"explains {gained / there:.0%} of what repeats once a turn: the teeth differ in another way"
