@@ -3,8 +3,9 @@
 Whatever makes teeth unlike each other (a dull sector, a mixed set of inserts) leaves lines at all multiples
 of the spindle, and every effect that does the same takes its share of them; so does, at tooth passing, every
 effect that bends the force under a tooth, whatever bends it. The true one takes most; of two that are there
-together the larger takes a good part, and the other most of the rest. One that takes little of the lines it works on, and leaves more there
-than a model may be off, is not the cause; nor one that gives back at tooth passing what it takes once a turn.
+together the larger takes a good part, and the other most of the rest. One that takes little of the lines it
+works on, and leaves more there than a model may be off, is not the cause; nor one that gives back at tooth
+passing what it takes once a turn.
 """
 
 from __future__ import annotations
