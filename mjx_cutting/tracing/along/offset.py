@@ -76,6 +76,15 @@ def find_offset(
         return None
     kind, teeth = effect_class(NAME), dataset.tool.teeth
     measured = [spindle_angle(trial, each) for trial, each in zip(trials, speed, strict=True)]
+    phases = Phases(_against(measured, after), speed, teeth)
+    delay = phases.delay(kind.parameters["delay_s"].high)
+    without, rest = phases.away(0.0), phases.away(delay)
+    by_fold, one_zero, one_delay = [], np.empty_like(speed), np.empty_like(speed)
+    for fold in range(int(final.fold.max()) + 1):
+        use = final.fold != fold
+        by_fold.append(phases.of(use).closer(delay))
+        one_zero[~use] = phases.away(0.0, use)[~use]
+        one_delay[~use] = phases.away(by_fold[-1], use)[~use]
 
     def error(fit: Fit, old: HeldOut, shown: Sequence[Prediction], away: Array) -> HeldOut:
         """Held-out error with every trial turned back by what its phase is away."""
@@ -87,33 +96,17 @@ def find_offset(
             added[index] += np.sum((left - more) ** 2 - left**2, axis=0)
         return HeldOut(np.maximum(added, 0.0), old.energy_n2, old.fits, old.fold)
 
-    own = _phases(measured, after)
-    delay = _delay(own, speed, teeth, kind.parameters["delay_s"].high)
-    without, rest = (_away(own, speed, teeth, each) for each in (0.0, delay))
-    by_fold, one_zero, one_delay = [], np.empty_like(own), np.empty_like(own)
-    for fold in range(int(final.fold.max()) + 1):
-        use = final.fold != fold
-        by_fold.append(_closer(own[use], speed[use], teeth, delay))
-        for away, each in ((one_zero, 0.0), (one_delay, by_fold[-1])):
-            away[~use] = _away(own, speed, teeth, each, use)[~use]
-    fit = found.final_fit
-    rigid, late = (error(fit, final, after, away) for away in (one_zero, one_delay))
-    freedom = len(own) - 2
-    spread = max(float(rest @ rest) / freedom, _SURE_RAD**2)
-    statistic = max(float(without @ without - rest @ rest), 0.0) / spread
-    tries = 1.0 + 2.0 * kind.parameters["delay_s"].high * teeth * float(np.ptp(speed))
-    p = min(1.0, tries * float(stats.f.sf(statistic, 1, freedom)))
-    error_s = float(np.sqrt(spread / np.sum((speed - speed.mean()) ** 2))) / (2.0 * np.pi)
+    rigid, late = (error(found.final_fit, final, after, away) for away in (one_zero, one_delay))
+    p, error_s = _chance(phases, without, rest, kind.parameters["delay_s"].high)
     told = {"delay_s": interval(kind, "delay_s", delay, np.array(by_fold), error_s)}
     decision = decide(kind, rigid, late, p, told, over_trials=False)
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
     candidate = SlowCandidate(kind, kind(delay), late, decision, silent)
     tried = SlowRound(rigid, (candidate,), candidate if decision.accepted else None)
-    bare = _away(_phases(measured, before), speed, teeth, 0.0)
+    bare = Phases(_against(measured, before), speed, teeth).away(0.0)
     base = error(found.base_fit, found.base, before, bare)
-    return Offset(
-        tried, base, _shown(dataset, lines, found, found.base_fit, -bare), _evidence(without, rest, p)
-    )
+    turned = _shown(dataset, lines, found, found.base_fit, -bare)
+    return Offset(tried, base, turned, _evidence(without, rest, p))
 
 
 def _shown(
@@ -123,38 +116,61 @@ def _shown(
     return predictions(dataset, lines, found.problem, fit.model, bias, turn_rad=turn_rad)
 
 
-def _phases(measured: Sequence[Array], shown: Sequence[Prediction]) -> Array:
+def _against(measured: Sequence[Array], shown: Sequence[Prediction]) -> Array:
     """[R] angle of tooth 0 as fitted, less the measured one, rad."""
     return np.array([float(np.mean(p.angle_rad - angle)) for p, angle in zip(shown, measured, strict=True)])
 
 
-def _away(phase: Array, speed: Array, teeth: int, delay_s: float, use: Array | None = None) -> Array:
-    """[R] how far each phase is from the zero that those of `use` have in common after a delay, rad, but for
-    whole teeth."""
-    turned = np.exp(1j * teeth * (phase + 2.0 * np.pi * speed * delay_s))
-    zero = np.mean(turned if use is None else turned[use])
-    return np.asarray(np.angle(turned * np.conj(zero)) / teeth)
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """Phases [R] of trials at their speeds [R], rad and rev/s, known but for whole teeth."""
+
+    phase: Array
+    speed: Array
+    teeth: int
+
+    def of(self, use: Array) -> Phases:
+        """Those of some of the trials."""
+        return Phases(self.phase[use], self.speed[use], self.teeth)
+
+    def away(self, delay_s: float, use: Array | slice = slice(None)) -> Array:
+        """[R] how far each is from the zero that those of `use` have in common after a delay, rad."""
+        turned = np.exp(1j * self.teeth * (self.phase + 2.0 * np.pi * self.speed * delay_s))
+        return np.asarray(np.angle(turned * np.conj(np.mean(turned[use]))) / self.teeth)
+
+    def delay(self, longest_s: float) -> float:
+        """The delay that brings the phases together; of several that do as well, since speeds in simple
+        ratios let teeth pass unseen, the shortest."""
+        step = 1.0 / (_STEPS_A_TOOTH * self.teeth * np.ptp(self.speed))
+        steps = int(longest_s / step)
+        delays = step * np.arange(-steps, steps + 1)
+        left = self._left(delays)
+        dips = np.flatnonzero((left <= np.roll(left, 1)) & (left <= np.roll(left, -1)))
+        closer = np.array([self.closer(each) for each in delays[dips]])
+        left = self._left(closer)
+        good = closer[left <= _AS_GOOD * left.min() + len(self.phase) * _SURE_RAD**2]
+        return float(good[np.argmin(np.abs(good))])
+
+    def closer(self, delay_s: float) -> float:
+        """The delay near one at which the phases lie closest together."""
+        away = self.away(delay_s)
+        more = self.speed - self.speed.mean()
+        return delay_s - float(more @ away / (more @ more)) / (2.0 * np.pi)
+
+    def _left(self, delays_s: Array) -> Array:
+        return np.array([np.sum(self.away(float(each)) ** 2) for each in delays_s])
 
 
-def _delay(phase: Array, speed: Array, teeth: int, longest_s: float) -> float:
-    """The delay that brings the phases together; of several that do as well, since speeds in simple ratios
-    let teeth pass unseen, the shortest."""
-    step = 1.0 / (_STEPS_A_TOOTH * teeth * np.ptp(speed))
-    steps = int(longest_s / step)
-    delays = step * np.arange(-steps, steps + 1)
-    left = np.array([np.sum(_away(phase, speed, teeth, each) ** 2) for each in delays])
-    dips = np.flatnonzero((left <= np.roll(left, 1)) & (left <= np.roll(left, -1)))
-    closer = np.array([_closer(phase, speed, teeth, each) for each in delays[dips]])
-    left = np.array([np.sum(_away(phase, speed, teeth, each) ** 2) for each in closer])
-    good = closer[left <= _AS_GOOD * left.min() + len(phase) * _SURE_RAD**2]
-    return float(good[np.argmin(np.abs(good))])
-
-
-def _closer(phase: Array, speed: Array, teeth: int, delay_s: float) -> float:
-    """The delay near one at which the phases lie closest together."""
-    away = _away(phase, speed, teeth, delay_s)
-    more = speed - speed.mean()
-    return delay_s - float(more @ away / (more @ more)) / (2.0 * np.pi)
+def _chance(phases: Phases, without: Array, rest: Array, longest_s: float) -> tuple[float, float]:
+    """Probability that some delay brings phases that lie anywhere as much closer together (from `without` to
+    `rest`, [R]), rad; and the standard error of the delay, s."""
+    freedom = len(rest) - 2
+    spread = max(float(rest @ rest) / freedom, _SURE_RAD**2)
+    statistic = max(float(without @ without - rest @ rest), 0.0) / spread
+    tries = 1.0 + 2.0 * longest_s * phases.teeth * float(np.ptp(phases.speed))
+    more = phases.speed - phases.speed.mean()
+    error_s = float(np.sqrt(spread / np.sum(more**2))) / (2.0 * np.pi)
+    return min(1.0, tries * float(stats.f.sf(statistic, 1, freedom))), error_s
 
 
 def _evidence(without: Array, rest: Array, p: float) -> tuple[str, ...]:

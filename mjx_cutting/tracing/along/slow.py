@@ -102,20 +102,17 @@ def search_slow(
     rounds: list[SlowRound] = []
     while open_ and len(rounds) < MOST_SLOW:
         free = _free_in_position(trials, before, weight)
+        test = _Test(weight, free, len(open_), tolerance, in_range)
         tried = []
         for kind in open_:
             progress(f"along the trial: {kind.name}")
-            tried.append(_try(kind, trials, before, weight, free, len(open_), tolerance, in_range))
+            tried.append(_try(kind, trials, before, test))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
         if accepted is None:
             short = [each.kind for each in tried if each.short_of_free]
             layers = [kind for kind in open_ if kind.several and kind.effect in short]
-            stack = [
-                each
-                for kind in layers[:1]
-                for each in _stack(kind, trials, before, weight, free, len(open_), tolerance, in_range)
-            ]
+            stack = [each for kind in layers[:1] for each in _stack(kind, trials, before, test)]
             for each in stack:
                 others = (other for other in tried if other.kind is not each.kind)
                 rounds.append(SlowRound(before, (each, *others), each))
@@ -130,6 +127,18 @@ def search_slow(
     return tuple(rounds)
 
 
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """What every effect of a round is held to: `weight` [3] of the axes; the fall of the error that force
+    `free` in position brings; how many were tried (`tries`); `tolerance` and `in_range` of `search_slow`."""
+
+    weight: Array
+    free: float
+    tries: int
+    tolerance: float
+    in_range: bool
+
+
 def _without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
     """The trials less what was found."""
     return [
@@ -137,27 +146,18 @@ def _without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
     ]
 
 
-def _stack(
-    kind: Kind,
-    trials: Sequence[Course],
-    before: HeldOut,
-    weight: Array,
-    free: float,
-    tries: int,
-    tolerance: float,
-    in_range: bool,
-) -> list[SlowCandidate]:
+def _stack(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -> list[SlowCandidate]:
     """Several of a kind that together do all that force free in position could, though the first alone does
     not: a sheet of several layers. Empty where they do not: steps come near to anything, if not quite."""
     found: list[SlowCandidate] = []
     explained = 0.0
     while len(found) < MOST_SLOW - 1:
-        one = _try(kind, trials, before, weight, 0.0, tries, tolerance, in_range)
+        one = _try(kind, trials, before, replace(test, free=0.0))
         if not one.decision.accepted:
             return []
         found.append(one)
-        explained += _explained(before, one.heldout, weight)
-        if explained >= free:
+        explained += _explained(before, one.heldout, test.weight)
+        if explained >= test.free:
             return found
         before, trials = one.heldout, _without(trials, one)
     return []
@@ -168,17 +168,8 @@ def _explained(before: HeldOut, after: HeldOut, weight: Array) -> float:
     return float(np.sum((before.error_n2 - after.error_n2) * weight**2))
 
 
-def _try(
-    kind: Kind,
-    trials: Sequence[Course],
-    before: HeldOut,
-    weight: Array,
-    free: float,
-    tries: int,
-    tolerance: float,
-    in_range: bool,
-) -> SlowCandidate:
-    shapes = kind.grid(trials)
+def _try(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -> SlowCandidate:
+    weight, shapes = test.weight, kind.grid(trials)
     everyone = np.ones(len(trials))
     found, grid = kind.sums_of(trials, shapes), shapes
     for zoom in _ZOOMS:
@@ -202,23 +193,22 @@ def _try(
         error[held] = (before.error_n2 + change)[held]
         by_fold.append(as_values(kind.build(shapes[shape], own)))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
-    p = chance_over_trials(before, after, tries)
+    p = chance_over_trials(before, after, test.tries)
     reach = _reach_of_the_model(kind, trials, shapes[best])
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
     parameters = _intervals(kind, effect, by_fold, error_of_it / accounted)
-    decision = decide(
-        kind.effect, before, after, p, parameters, tolerance=reach * tolerance, in_range=in_range
-    )
+    off = reach * test.tolerance
+    decision = decide(kind.effect, before, after, p, parameters, tolerance=off, in_range=test.in_range)
     if decision.accepted:
         # that it is there does not hang on how large the force is; how large a share of it, does
         more = _unsure_force(kind, trials, shapes[best], c, weight)
         parameters = _intervals(kind, effect, by_fold, error_of_it / accounted + more)
         decision = replace(decision, parameters=parameters)
     explained = _explained(before, after, weight)
-    short = decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * free
+    short = decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * test.free
     if short:
-        ratio = free / max(explained, 1e-300)
+        ratio = test.free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
         decision = replace(decision, accepted=False, reasons=(why,))
     if decision.accepted and kind.rather is not None and (why := kind.rather(trials, effect)):

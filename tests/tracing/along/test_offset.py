@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.along.offset import _away, _delay
+from mjx_cutting.tracing.along.offset import Phases
 from mjx_cutting.trials.dataset import Dataset
 
 SPEED = np.array([20.0, 20.1, 33.0, 33.2, 47.0, 47.1])
@@ -19,15 +19,17 @@ def test_the_delay_is_found_whatever_the_zero_and_the_teeth_that_pass(delay_s):
     generator = np.random.default_rng(0)
     tooth = 2.0 * np.pi / 4 * generator.integers(0, 4, len(SPEED))
     phase = 1.3 - 2.0 * np.pi * SPEED * delay_s + tooth + 0.002 * generator.normal(size=len(SPEED))
-    found = _delay(phase, SPEED, 4, 0.1)
+    phases = Phases(phase, SPEED, 4)
+    found = phases.delay(0.1)
     assert found == pytest.approx(delay_s, abs=3e-5)
-    assert np.abs(_away(phase, SPEED, 4, found)).max() < 0.01
+    assert np.abs(phases.away(found)).max() < 0.01
 
 
 def test_of_delays_that_do_as_well_the_shortest_is_taken():
     """At 20, 40 and 60 rev/s four teeth pass in the same 12.5 ms."""
     speed = np.array([20.0, 40.0, 60.0, 20.0, 40.0, 60.0])
-    assert _delay(-2.0 * np.pi * speed * 0.003, speed, 4, 0.1) == pytest.approx(0.003, abs=1e-5)
+    phases = Phases(-2.0 * np.pi * speed * 0.003, speed, 4)
+    assert phases.delay(0.1) == pytest.approx(0.003, abs=1e-5)
 
 
 def _with_angle(dataset: Dataset, delay_s: float) -> Dataset:
