@@ -10,17 +10,15 @@ passing what it takes once a turn.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.model_error import tolerated
 from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.on_lines import its_lines, noise_squares, squares
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.lines import Lines, order_of_columns
+from mjx_cutting.tracing.records.lines import Lines
 
-_ITS_WORK = 0.5
 _LEAST_PART = 0.3
 _LEAST_AT_TOOTH_PASSING = 0.4
 _LEAST_OF_THE_REST = 0.7
@@ -37,8 +35,7 @@ def rather_unlike(
     if problem.tool.kind in LEVEL_KINDS:
         return None
     old, new = (squares(problem, *each) for each in ((before, x_before), (after, x_after)))
-    noise = (lines.noise_std_n() * np.asarray(problem.weights)) ** 2
-    quiet = noise[:, None] * np.asarray(problem.present)[..., None]
+    quiet = noise_squares(problem, lines)
     gained = float((old - new).sum())
     its = its_lines(problem, old, new)
     unlike = not its[0]
@@ -51,20 +48,3 @@ def rather_unlike(
     if unlike:
         return f"explains {gained / there:.0%} of what repeats once a turn: the teeth differ in another way"
     return f"explains {gained / there:.0%} of what repeats at tooth passing and leaves the rest"
-
-
-def its_lines(
-    problem: Problem, before: NDArray[np.floating], after: NDArray[np.floating]
-) -> NDArray[np.bool_]:
-    """[P] the lines an effect works on, those at tooth passing or all others, by the `squares` before and
-    after it."""
-    once = order_of_columns(problem.orders) % problem.tool.teeth != 0
-    gained = before - after
-    return once if float(gained[:, once].sum()) >= _ITS_WORK * float(gained.sum()) else ~once
-
-
-def squares(problem: Problem, effects: Effects, x: ArrayLike) -> NDArray[np.floating]:
-    """[R, P, 3] squared weighted residual of every line."""
-    descent = Descent(problem, effects)
-    left = descent.rows(np.asarray(x)[None]).left[0, : descent.measured]
-    return np.asarray(left.reshape(problem.whitened.shape) ** 2)

@@ -93,7 +93,7 @@ def try_effect(
         why = why or rather_smeared(problem, lines, effects, found.x)
         why = why or rather_by_line(problem, effects, before.x, found.x)
         why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
-        why = why or rather_their_law(problem, effects[:-1], before.x, effects, found.x)
+        why = why or rather_their_law(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_with_speed(problem, effects, found)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)

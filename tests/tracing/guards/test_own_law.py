@@ -34,9 +34,11 @@ class _Still:
 @pytest.mark.parametrize(
     ("beside", "at_passing", "refused"),
     [
-        ((0.0, 0.0, 0.0), (1000.0, 50.0, 1.0), None),
+        ((0.0, 0.0, 0.0), (1000.0, 50.0, 20.0), None),
         ((0.0, 0.0, 0.0), (1000.0, 3.0, 1.0), "all that they do"),
-        ((0.0, 0.0, 0.0), (1000.0, 8.0, 1.0), "on its lines"),
+        ((0.0, 0.0, 0.0), (1000.0, 8.0, 3.0), "on its lines"),
+        # as small, but next to nothing is left beside it
+        ((0.0, 0.0, 0.0), (1000.0, 3.0, 0.5), None),
         ((1000.0, 1.0, 1.0), (8.0, 8.0, 1.0), None),
     ],
 )
@@ -46,11 +48,12 @@ def test_what_is_within_the_law_of_another_is_refused(monkeypatch, beside, at_pa
     squares[:, 0, 1, 0], squares[:, 0, 3, 0] = beside, at_passing
     monkeypatch.setattr(own_law, "Descent", _Still)
     monkeypatch.setattr(own_law, "squares", lambda problem, effects, x: squares[len(effects)])
+    monkeypatch.setattr(own_law, "noise_squares", lambda problem, lines: np.zeros((1, 5, 3)))
     posed = _Posed(Tool("end_mill", 2, 0.01), 2)
     before, after = (RadialRunout,), (RadialRunout, SizeEffect)
-    why = rather_their_law(posed, before, np.zeros(6 + size), after, np.zeros(7 + size))
+    why = rather_their_law(posed, None, before, np.zeros(6 + size), after, np.zeros(7 + size))
     assert why is None if refused is None else refused in why
 
 
 def test_the_first_effect_has_no_law_before_it():
-    assert rather_their_law(None, (), np.zeros(6), (Unbalance,), np.zeros(8)) is None
+    assert rather_their_law(None, None, (), np.zeros(6), (Unbalance,), np.zeros(8)) is None
