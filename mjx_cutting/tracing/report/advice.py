@@ -53,6 +53,11 @@ _FOR_COVARIATE = {
         "an air cut at the start and one at the end of the session, without zeroing between",
         "thermal drift of the sensor shows in air; wear does not",
     ),
+    "trial": (
+        "one of the cuts three times over, in one sheet and without unclamping anything",
+        "a force that then repeats differs from sheet to sheet or with the clamping; one that does not, with "
+        "the sensor",
+    ),
     "previous force": (
         "a record with the spindle stopped, and a tap test on tool and robot",
         "mains pickup and the frequencies of the structure show without any cutting",

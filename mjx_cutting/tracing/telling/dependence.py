@@ -4,9 +4,10 @@ A simulator's residual need not be white, but it must not depend on what the sim
 the residual is tested for lines at spindle orders (tooth passing apart), for drift along the trial, for
 memory and for a tie between axes; across trials its size, and the factor by which the force is larger than
 predicted, are tested against feed, speed, depth, cut length and clock time by Spearman's rank correlation
-with permutations, because trials, not samples, are the independent units. A factor that all trials share at
-the same place is told from one that changes with time. `share` is the part of the residual's energy that
-goes with the covariate.
+with permutations, because trials, not samples, are the independent units. A factor that goes with none of
+them is the trial's own, and lines at tooth passing and ties between axes are looked for without it. A factor
+that all trials share at the same place is told from one that changes with time. `share` is the part of the
+residual's energy that goes with the covariate.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from scipy import stats
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.naming.decision import TOLERANCE
 from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis, order_of_columns
+from mjx_cutting.tracing.telling.own_factor import OwnFactors, own_factors
 from mjx_cutting.trials.dataset import Dataset
 
 Array = NDArray[np.floating]
@@ -32,7 +35,6 @@ _SLOW_TERMS = 6
 _PERMUTATIONS = 4000
 _RIDGE = 1e-9
 _SHARE_OF_OWN = 0.5
-_MOVING = 0.01
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,8 @@ class Dependence:
     """What a residual does with one covariate.
 
     Fields: `p_value` of chance; `share` of the residual energy that goes with the covariate; `of_force`, the
-    same as a root mean square over that of the force; `look_for`, in words.
+    same as a root mean square over that of the force; `look_for`, in words; of a factor of each trial's own,
+    `factor` its root mean square.
     """
 
     covariate: str
@@ -48,6 +51,7 @@ class Dependence:
     share: float
     of_force: float
     look_for: str
+    factor: float = 0.0
 
     @property
     def found(self) -> bool:
@@ -66,6 +70,7 @@ _LOOK_FOR = {
     "radial depth": "compliance, friction on the engaged area, clogging",
     "cut length": "flank wear",
     "clock time": "thermal drift of the sensor",
+    "trial": "a force larger or smaller as a whole: sheets that are not alike, a gain that does not repeat",
     "previous force": "memory or a line at a fixed frequency: a mode of the structure, mains pickup, chatter",
     "another axis": "crosstalk of the sensor or forces turned between the axes",
 }
@@ -76,18 +81,25 @@ def dependences(
 ) -> tuple[Dependence, ...]:
     """All tests on the residuals of a dataset's cut trials, the strongest first."""
     band = _independent_share(dataset, predictions)
-    split = [_split(each, orders) for each in predictions]
-    found = [*_periodic(split, teeth, orders, band), _slow(predictions, band)]
-    found.append(_place(dataset, predictions, band))
-    found += [_memory(split, band), _axes(predictions, band)]
-    found += _across(dataset, predictions)
-    left, force = (
-        sum(float(np.sum(getattr(p, name) ** 2)) for p in predictions)
-        for name in ("residual_n", "measured_n")
-    )
-    ratio = left / max(force, 1e-300)
+    own = own_factors(predictions)
+    # of a tool that is always engaged a trial has one level, which is no factor
+    levels = dataset.tool.kind in LEVEL_KINDS
+    shaped = predictions if levels else own.without
+    split = [_split(each, orders) for each in shaped]
+    whole, force = _energy(predictions, "residual_n"), _energy(predictions, "measured_n")
+    part = _energy(shaped, "residual_n") / max(whole, 1e-300)
+    found = [*_periodic(split, teeth, orders, band), _memory(split, band), _axes(shaped, band)]
+    found = [replace(each, share=part * each.share) for each in found]
+    found += [_slow(predictions, band), _place(dataset, predictions, band)]
+    across = _across(dataset, predictions, own)
+    found += across if levels else [*across, _own(own, predictions, band, across)]
+    ratio = whole / max(force, 1e-300)
     told = [replace(each, of_force=float(np.sqrt(each.share * ratio))) for each in found]
     return tuple(sorted(told, key=lambda each: (each.p_value, -each.share)))
+
+
+def _energy(predictions: Sequence[Prediction], name: str) -> float:
+    return sum(float(np.sum(getattr(each, name) ** 2)) for each in predictions)
 
 
 def _entry(covariate: str, p_value: float, share: float) -> Dependence:
@@ -232,13 +244,25 @@ def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
     return _entry("another axis", p_value, strongest**2)
 
 
-def _across(dataset: Dataset, predictions: Sequence[Prediction]) -> list[Dependence]:
+def _own(
+    own: OwnFactors, predictions: Sequence[Prediction], band: float, across: Sequence[Dependence]
+) -> Dependence:
+    """A factor of each trial's own, against what is left without it; unless a condition tells most of it."""
+    told = [each.share for each in across if each.p_value < SIGNIFICANT]
+    freedom = sum(3 * band * len(each.time_s) for each in predictions)
+    statistic = (own.share / len(own.factor)) / max((1.0 - own.share) / freedom, 1e-300)
+    p_value = stats.f.sf(statistic, len(own.factor), freedom)
+    p_value = 1.0 if max(told, default=0.0) > _SHARE_OF_OWN * own.share else p_value
+    return replace(_entry("trial", p_value, own.share), factor=own.size)
+
+
+def _across(dataset: Dataset, predictions: Sequence[Prediction], own: OwnFactors) -> list[Dependence]:
     """Size of each trial's residual, its level, and the factor by which its force is off, against the trial's
     conditions; what all trials share goes with none."""
     trials = {trial.file: trial for trial in dataset.trials}
     size = np.array([float(np.mean(each.residual_n**2)) for each in predictions])
     varies = 1.0 - float(size.min()) / max(float(size.mean()), 1e-300)
-    factor, factored = _factors(predictions)
+    factor, factored = own.factor, own.share
     levels = np.stack([each.residual_n.mean(axis=0) for each in predictions])
     levelled = [len(each.time_s) * level**2 for each, level in zip(predictions, levels, strict=True)]
     on_axis = np.sum(levelled, axis=0) / max(sum(float(np.sum(p.residual_n**2)) for p in predictions), 1e-300)
@@ -280,22 +304,6 @@ def _straight(values: Array, factor: Array, energy: float) -> tuple[float, float
         return 1.0, 0.0
     found = stats.pearsonr(stats.rankdata(values), factor)
     return float(found.pvalue), float(found.statistic**2 * energy)
-
-
-def _factors(predictions: Sequence[Prediction]) -> tuple[Array, float]:
-    """[R] by how much of itself each trial's force is larger than predicted; share of energy that this is.
-
-    Read from what changes within the trial, where it does: the mean may be a bias.
-    """
-    told = [each.predicted_n - each.bias_n for each in predictions]
-    moving = [each - each.mean(axis=0) for each in told]
-    if sum(float(np.sum(each**2)) for each in moving) > _MOVING * sum(float(np.sum(a**2)) for a in told):
-        told = moving
-    size = np.array([float(np.sum(each**2)) for each in told])
-    product = np.array([float(np.sum(a * b.residual_n)) for a, b in zip(told, predictions, strict=True)])
-    whole = sum(float(np.sum(each.residual_n**2)) for each in predictions)
-    share = float(np.sum(product**2 / np.maximum(size, 1e-300))) / max(whole, 1e-300)
-    return product / np.maximum(size, 1e-300), share
 
 
 def _shuffled_ranks(values: Array, size: Array) -> Array:

@@ -32,6 +32,7 @@ _TELLING = 5.0
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
 _MUCH = 0.01
+_REPEATS = 0.015
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 _WIDER = "trials over a wider range of speed and feed"
 
@@ -64,7 +65,7 @@ def verdict(
         if each.accepted:
             _add(named, _effect(each, each.accepted.decision.parameters, evidence))
     end = final(found, slow)
-    left = [each for each in after if each.found]
+    left = [each for each in after if each.found and not _of_the_trial(each)]
     return {
         "format": FORMAT,
         "verdict": _word(
@@ -77,7 +78,7 @@ def verdict(
         "effects": named,
         "ambiguous": ambiguous,
         "not_testable": not_testable(dataset),
-        "remaining": _remaining(found.base, end, left),
+        "remaining": _remaining(found.base, end, left, next(filter(_of_the_trial, after), None)),
         "left_out": [{"file": each.file, "reason": each.reason} for each in dataset.left_out],
     }
 
@@ -156,13 +157,22 @@ def _word(
 def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least: float) -> bool:
     """Whether something is missing: the residual depends on something, or is clearly more than noise.
 
-    Levels, of which a trial has one, scatter more than the noise within a trial. Where that noise had to be
+    Levels, of which a trial has one, scatter more than the noise within a trial; any other force by what no
+    two trials have in common. Where that noise had to be
     read beside the lines, all that is not periodic counts as noise; no noise follows the path or the session.
     """
     clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
-    shown = [each for each in before if each.found]
+    own = next(filter(_of_the_trial, before), None)
+    # on trials not seen their factors count more than once: the other trials' are in the constants
+    error = found.base.nrmse if own is None else own.of_force * float(np.sqrt(1.0 / own.share - 1.0))
+    shown = [each for each in before if each.found and not _of_the_trial(each)]
     follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
-    return found.base.nrmse > clearly * least or (found.base.nrmse > least and bool(shown)) or follows
+    return error > clearly * least or (error > least and bool(shown)) or follows
+
+
+def _of_the_trial(each: Dependence) -> bool:
+    """Whether this is a factor of each trial's own, no larger than sheets and sensors repeat."""
+    return each.covariate == "trial" and each.found and each.factor < _REPEATS
 
 
 def reached(floor: float, tolerance: float) -> float:
@@ -259,7 +269,7 @@ def _settles(first: Candidate, second: Candidate, dataset: Dataset, lines: Lines
     return f"{best.trial}: the two predictions of it lie {best.sigma:.0f} standard deviations apart{also}"
 
 
-def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence]) -> dict[str, Any]:
+def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence], own: Dependence | None) -> dict[str, Any]:
     share = float(end.error_n2.sum() / max(base.error_n2.sum(), 1e-300))
     if left:
         says = "; ".join(
@@ -268,6 +278,9 @@ def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence]) -> dict[str,
         text = f"what is left still depends on {says}"
     else:
         text = "what is left depends on nothing that was measured"
+    if own is not None:
+        text += f"; the force of each trial is larger or smaller as a whole, by {own.factor:.1%}, which is "
+        text += f"how little sheets and sensors repeat ({own.share:.0%} of what is left)"
     return {
         "depends_on": [each.covariate for each in left],
         "description": text,

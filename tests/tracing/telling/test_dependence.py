@@ -122,3 +122,18 @@ def test_a_factor_of_whole_trials_goes_with_their_conditions(dataset, covariate)
     found = dependences(replace(dataset, trials=tuple(trials)), predictions, teeth=4, orders=12)
     factors = {each.covariate for each in found if each.found}
     assert covariate in factors and not factors & {"feed", "cut length", "clock time", "radial depth"}
+
+
+def test_a_factor_of_each_trials_own_ties_neither_axes_nor_teeth(dataset):
+    """A force that is larger by some hundredths as a whole has its lines at tooth passing, on all axes."""
+    drawn = _left(dataset, lambda t, a, i: 0 * t)
+    size = 1.0 + 0.03 * np.array([1.0, -1.0, 0.5, -0.8, 0.9, -0.6])
+    larger = [
+        replace(p, measured_n=p.predicted_n * own + p.residual_n) for p, own in zip(drawn, size, strict=True)
+    ]
+    found = [each for each in dependences(dataset, larger, teeth=4, orders=12) if each.found]
+    assert [each.covariate for each in found] == ["trial"]
+    energy = sum(np.sum((own - 1.0) ** 2 * p.predicted_n**2) for own, p in zip(size, drawn, strict=True))
+    whole = sum(np.sum(p.measured_n**2) for p in larger)
+    assert found[0].factor == pytest.approx(np.sqrt(np.mean((size - 1.0) ** 2)), rel=0.1)
+    assert found[0].of_force == pytest.approx(np.sqrt(energy / whole), rel=0.05)

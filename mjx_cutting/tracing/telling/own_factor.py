@@ -1,0 +1,62 @@
+"""By how much of itself the force of each trial is larger than predicted, as a whole.
+
+No two sheets, and no two cuts in one, are quite alike, and a sensor's gain is not the same every day. A force
+larger by some hundredths in one trial than in another is no shape that the model lacks, though it leaves
+lines at tooth passing and ties the axes together. So those are looked for in what is left without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.tracing.fitting.prediction import Prediction
+
+_MOVING = 0.01
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnFactors:
+    """A factor a trial.
+
+    Fields: `factor` [R] by how much of itself each force is larger than predicted, `size` their root mean
+    square over the force; `share` of the energy left that this is; `without` it, the predictions.
+    """
+
+    factor: Array
+    size: float
+    share: float
+    without: tuple[Prediction, ...]
+
+
+def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
+    """The factors, read from what changes within the trials, where it does: the mean may be a bias. What they
+    do to the mean is taken away as well where that leaves less."""
+    force = [each.predicted_n - each.bias_n for each in predictions]
+    moving = [each - each.mean(axis=0) for each in force]
+    still = _energy(moving) <= _MOVING * _energy(force)
+    told = force if still else moving
+    left = [each.residual_n for each in predictions]
+    size = np.maximum([float(np.sum(each**2)) for each in told], 1e-300)
+    product = np.array([float(np.sum(a * b)) for a, b in zip(told, left, strict=True)])
+    factor = product / size
+    ways = [
+        [own * each for own, each in zip(factor, shape, strict=True)]
+        for shape in ((force,) if still else (moving, force))
+    ]
+    rests = [_energy([a - b for a, b in zip(left, way, strict=True)]) for way in ways]
+    best = int(np.argmin(rests))
+    without = tuple(
+        replace(each, predicted_n=each.predicted_n + more)
+        for each, more in zip(predictions, ways[best], strict=True)
+    )
+    rms = float(np.sqrt(np.sum(product**2 / size) / np.sum(size)))
+    return OwnFactors(factor, rms, 1.0 - rests[best] / max(_energy(left), 1e-300), without)
+
+
+def _energy(records: Sequence[Array]) -> float:
+    return sum(float(np.sum(each**2)) for each in records)

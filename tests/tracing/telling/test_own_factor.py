@@ -1,0 +1,51 @@
+"""A factor of each trial's own is what sheets and sensors scatter by, or if large something unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.telling.own_factor import own_factors
+
+SCATTER = np.array([1.0, 1.1, 0.9, -1.2, -0.8, -1.1])
+
+
+@pytest.mark.parametrize(("size", "word"), [(0.009, "nothing missing"), (0.05, "unexplained")])
+def test_a_factor_no_larger_than_trials_repeat_is_nothing_missing(mill, size, word):
+    made = mill(zeroed="session")
+    trials = [
+        replace(t, force_n=(1.0 + size * own) * t.force_n)
+        for t, own in zip(made.trials, SCATTER, strict=True)
+    ]
+    verdict = trace(
+        replace(made, trials=tuple(trials)), effects=["radial_runout", "flank_wear", "crosstalk"]
+    ).verdict
+    assert verdict["verdict"] == word and verdict["effects"] == []
+    assert verdict["before"]["heldout_nrmse"] > 1.5 * verdict["noise_floor_nrmse"]
+    if word == "unexplained":
+        assert verdict["remaining"]["depends_on"] == ["trial"]
+    else:
+        assert "larger or smaller as a whole" in verdict["remaining"]["description"]
+
+
+def test_what_is_left_without_the_factors_is_what_was_there_before_them():
+    generator = np.random.default_rng(0)
+    force = generator.normal(size=(4, 500, 3))
+    noise = 0.1 * generator.normal(size=(4, 500, 3))
+    bias = np.array([3.0, -2.0, 5.0])
+    factor = np.array([0.1, -0.2, 0.0, 0.05])
+    time = 0.01 * np.arange(500)
+    seen = [
+        Prediction("a.csv", time, time, (1.0 + own) * each + rest + bias, each + bias, 1.0, bias)
+        for own, each, rest in zip(factor, force, noise, strict=True)
+    ]
+    found = own_factors(seen)
+    np.testing.assert_allclose(found.factor, factor, atol=0.01)
+    whole = sum(float(np.sum(each.residual_n**2)) for each in seen)
+    left = sum(float(np.sum(each.residual_n**2)) for each in found.without)
+    assert left == pytest.approx(float(np.sum(noise**2)), rel=0.01)
+    assert found.share == pytest.approx(1.0 - left / whole, rel=0.01)
