@@ -4,7 +4,8 @@ Whatever makes all the force of a trial larger or smaller (a material that softe
 batch beside another) is imitated in part by every effect that grows with something the trials differ in.
 So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
 of the candidate little that is its own, the candidate is not the cause. Runout, a mode, a filter change the
-shape of the force and pass beside any factor. Levels have no shape, so tools that have only those are let be.
+shape of the force and pass beside any factor; a mode or a filter that does not, however much it explains, is
+but a gain at each spindle speed. Levels have no shape, so tools that have only those are let be.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem
@@ -19,6 +21,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _SHARE_OF_FREE = 0.9
 _OWN = 0.5
+_OWN_OF_A_RESPONSE = 0.2
 
 
 def rather_a_factor(
@@ -33,9 +36,16 @@ def rather_a_factor(
     plain, free = _squares(problem, before, np.asarray(x_before))
     plain_with, free_with = _squares(problem, after, np.asarray(x_after))
     explained, unnamed, own = plain - plain_with, plain - free, free - free_with
-    if explained >= _SHARE_OF_FREE * unnamed or own >= _OWN * explained:
+    responds = after[-1].transfer is not AbstractEffect.transfer
+    if explained >= _SHARE_OF_FREE * unnamed and not (responds and own < _OWN_OF_A_RESPONSE * explained):
+        return None
+    if own >= _OWN * explained:
         return None
     ratio = unnamed / max(explained, 1e-300)
+    if ratio < 1.0 / _SHARE_OF_FREE:
+        return (
+            "does no more than a factor of its own for each trial would: the spindle's speeds alone tell it"
+        )
     return f"a factor of its own for each trial explains {ratio:.1f} times as much"
 
 

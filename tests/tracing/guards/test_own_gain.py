@@ -11,6 +11,7 @@ from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
 from mjx_cutting.tracing.fitting.heldout import folds
+from mjx_cutting.tracing.guards import own_gain
 from mjx_cutting.tracing.guards.own_gain import rather_a_factor
 from mjx_cutting.tracing.naming.candidate import fitted
 from mjx_cutting.trials.synthetic import Hidden
@@ -38,3 +39,26 @@ def test_what_is_a_factor_of_each_trial_is_told_from_a_change_of_shape(
         found, _ = fitted(problem, lines, (kind,), np.asarray(start), folds(dataset, 0))
         why = rather_a_factor(problem, (), base.x, (kind,), found.x)
     assert (why is not None) == refused
+
+
+# what the base model leaves, and with a factor a trial; the same beside the effect
+@pytest.mark.parametrize(
+    ("name", "beside", "refused"),
+    [
+        ("robot_mode", (30.0, 31.0), "spindle's speeds alone"),
+        ("robot_mode", (30.0, 10.0), None),
+        ("flank_wear", (30.0, 31.0), None),
+        ("robot_mode", (80.0, 31.0), "3.5 times as much"),
+    ],
+)
+def test_a_mode_that_does_no_more_than_a_gain_at_each_speed_is_refused(
+    monkeypatch, mill, posed, name, beside, refused
+):
+    """Seventy of a hundred: by a factor a trial alone, by the effect alone, and by both."""
+    kind = effect_class(name)
+    monkeypatch.setattr(
+        own_gain, "_squares", lambda problem, effects, x: beside if effects else (100.0, 30.0)
+    )
+    with _platform.x64():
+        why = rather_a_factor(posed(mill())[1], (), np.zeros(1), (kind,), np.zeros(1))
+    assert why is None if refused is None else refused in why
