@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.model_error import tolerated
+from mjx_cutting.tracing.fitting.on_lines import its_lines, noise_squares, squares
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.guards.on_lines import its_lines, noise_squares, squares
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 
