@@ -72,7 +72,7 @@ def _traced_inside(
     """What `one_pass` finds between the `ends`, held against the whole records; None where they do not show
     them, or too little is left."""
     start, _, by_axis = ends
-    if not _where_they_touch(found.dataset, start - by_axis * reach, reach):
+    if not _at_one_place(found.dataset, start, reach):
         return None
     low = first.decision.parameters["start_m"].low - float(first.effect.values()["start_m"])
     touched = start + min(low, 0.0)
@@ -99,11 +99,11 @@ def _traced_inside(
     return replace(inside, search=replace(inside.search, base=base))
 
 
-def _where_they_touch(dataset: Dataset, start_m: Array, reach_m: Array) -> bool:
-    """Whether the trials that show where the tool touches first have the sheet begin at one place, by
-    `start_m` and the way in [R]. Sheets clamped anew begin elsewhere in every trial.
+def _at_one_place(dataset: Dataset, start_m: float | Array, reach_m: Array) -> bool:
+    """Whether the trials that show where the tool touches first have the sheet begin at one place.
 
-    The force is seen to rise a part of the way in after the first touch, about the same one in all trials.
+    Sheets clamped anew begin elsewhere in every trial. The force is seen to rise some part of the way in
+    `reach_m` [R] before or after `start_m`: which part is the same in all trials, and does not matter.
     """
     away = (touches_m(dataset) - start_m) / reach_m
     seen = away[np.isfinite(away)]

@@ -16,7 +16,7 @@ from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.course import Course, along_path
 from mjx_cutting.tracing.records.lines import compress, trusted_band
-from mjx_cutting.tracing.sheet import _where_they_touch, _zeroed_in_air
+from mjx_cutting.tracing.sheet import _at_one_place, _zeroed_in_air
 from mjx_cutting.tracing.trace import trace
 
 START_M, END_M = 1e-3, 30e-3
@@ -107,8 +107,8 @@ def test_sheets_clamped_anew_begin_nowhere_in_particular(mill, apart_m, one_plac
         trials.append(replace(trial, force_n=force, position_m=position))
     dataset = replace(made, trials=tuple(trials))
     reach_m = np.full(6, 0.008)
-    assert _where_they_touch(dataset, 0.02 + 0.0 * places, reach_m) == one_place
+    assert _at_one_place(dataset, 0.02 + 0.0 * places, reach_m) == one_place
     # many teeth at a fine feed rise slowly: seen a third of the way in, at one place all the same
-    assert _where_they_touch(dataset, 0.02 - 0.3 * reach_m, reach_m) == one_place
+    assert _at_one_place(dataset, 0.02 - 0.3 * reach_m, reach_m) == one_place
     # what never shows its air says nothing of it
-    assert _where_they_touch(made, places, reach_m)
+    assert _at_one_place(made, places, reach_m)
