@@ -40,11 +40,11 @@ class Engaged:
     spans_s: dict[str, tuple[float, float]]
 
     def __str__(self) -> str:
+        said = "the tool enters or leaves the sheet within records, at a place of its own in each"
+        if not self.spans_s:
+            return f"{said}; too little of those was in the cut, so they are left out"
         told = ", ".join(f"{file} {low:.2f} to {high:.2f} s" for file, (low, high) in self.spans_s.items())
-        return (
-            "the tool enters or leaves the sheet within records, at a place of its own in each; they were "
-            f"traced where it is in the cut ({told})"
-        )
+        return f"{said}; they were traced where it is in the cut ({told})"
 
 
 def engaged(dataset: Dataset) -> Engaged | None:

@@ -56,6 +56,18 @@ def test_out_of_a_pocket_the_arc_is_full_at_once(mill):
         assert first < low < first + 0.08 and last - 0.08 < high < last
 
 
+def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whole(mill):
+    made = mill()
+    late = made.trials[2]
+    force = np.where(late.time_s[:, None] < 0.65 * late.time_s[-1], 0.0, late.force_n)
+    trials = (*made.trials[:2], replace(late, force_n=force), *made.trials[3:])
+    found = engaged(replace(made, trials=trials))
+    assert found is not None and found.spans_s == {}
+    assert [each.file for each in found.dataset.left_out] == [late.file]
+    assert found.dataset.trials == (*made.trials[:2], *made.trials[3:])
+    assert str(found).endswith("so they are left out")
+
+
 def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
     assert engaged(mill()) is None and engaged(saw()) is None
 
