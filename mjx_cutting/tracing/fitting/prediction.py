@@ -9,7 +9,7 @@ cut), so do the lines.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -62,6 +62,11 @@ class Prediction:
     def residual_n(self) -> Array:
         """[T, 3] measured minus predicted, N."""
         return self.measured_n - self.predicted_n
+
+
+def energy(records: Sequence[Array]) -> float:
+    """Sum of the squares of forces [T, 3], N^2."""
+    return sum(float(np.sum(each**2)) for each in records)
 
 
 def predict_trials(

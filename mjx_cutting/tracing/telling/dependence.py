@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.naming.decision import TOLERANCE
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -86,20 +86,21 @@ def dependences(
     levels = dataset.tool.kind in LEVEL_KINDS
     shaped = predictions if levels else own.without
     split = [_split(each, orders) for each in shaped]
-    whole, force = _energy(predictions, "residual_n"), _energy(predictions, "measured_n")
-    part = _energy(shaped, "residual_n") / max(whole, 1e-300)
+    whole, part, force = (
+        max(energy(each), 1e-300)
+        for each in (
+            [p.residual_n for p in predictions],
+            [p.residual_n for p in shaped],
+            [p.measured_n for p in predictions],
+        )
+    )
     found = [*_periodic(split, teeth, orders, band), _memory(split, band), _axes(shaped, band)]
-    found = [replace(each, share=part * each.share) for each in found]
+    found = [replace(each, share=part / whole * each.share) for each in found]
     found += [_slow(predictions, band), _place(dataset, predictions, band)]
     across = _across(dataset, predictions, own)
     found += across if levels else [*across, _own(own, predictions, band, across)]
-    ratio = whole / max(force, 1e-300)
-    told = [replace(each, of_force=float(np.sqrt(each.share * ratio))) for each in found]
+    told = [replace(each, of_force=float(np.sqrt(each.share * whole / force))) for each in found]
     return tuple(sorted(told, key=lambda each: (each.p_value, -each.share)))
-
-
-def _energy(predictions: Sequence[Prediction], name: str) -> float:
-    return sum(float(np.sum(getattr(each, name) ** 2)) for each in predictions)
 
 
 def _entry(covariate: str, p_value: float, share: float) -> Dependence:
@@ -265,7 +266,7 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction], own: OwnFactors
     factor, factored = own.factor, own.share
     levels = np.stack([each.residual_n.mean(axis=0) for each in predictions])
     levelled = [len(each.time_s) * level**2 for each, level in zip(predictions, levels, strict=True)]
-    on_axis = np.sum(levelled, axis=0) / max(sum(float(np.sum(p.residual_n**2)) for p in predictions), 1e-300)
+    on_axis = np.sum(levelled, axis=0) / max(energy([p.residual_n for p in predictions]), 1e-300)
     covariates = {
         "feed": [trials[p.file].feed_speed_m_s for p in predictions],
         "spindle speed": [trials[p.file].spindle_speed_rev_s for p in predictions],

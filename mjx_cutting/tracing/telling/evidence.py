@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
-from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.records.lines import basis
 from mjx_cutting.trials.dataset import Dataset, Trial
 
@@ -49,8 +49,7 @@ def evidence(
         )
     if "onset_m" in kind.held:
         sentences.append(_sets_in(dataset, kind.held["onset_m"][1]))
-    old = sum(float(np.sum(each.residual_n**2)) for each in before)
-    new = sum(float(np.sum(each.residual_n**2)) for each in after)
+    old, new = (energy([each.residual_n for each in told]) for told in (before, after))
     if new < old:
         sentences.append(f"the final model leaves {new / old:.0%} of the base model's residual energy")
     return sentences

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 
 _MOVING = 0.01
 Array = NDArray[np.floating]
@@ -38,25 +38,16 @@ def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
     do to the mean is taken away as well where that leaves less."""
     force = [each.predicted_n - each.bias_n for each in predictions]
     moving = [each - each.mean(axis=0) for each in force]
-    still = _energy(moving) <= _MOVING * _energy(force)
-    told = force if still else moving
+    read = moving if energy(moving) > _MOVING * energy(force) else force
     left = [each.residual_n for each in predictions]
-    size = np.maximum([float(np.sum(each**2)) for each in told], 1e-300)
-    product = np.array([float(np.sum(a * b)) for a, b in zip(told, left, strict=True)])
+    size = np.maximum([float(np.sum(each**2)) for each in read], 1e-300)
+    product = np.array([float(np.sum(a * b)) for a, b in zip(read, left, strict=True)])
     factor = product / size
-    ways = [
-        [own * each for own, each in zip(factor, shape, strict=True)]
-        for shape in ((force,) if still else (moving, force))
-    ]
-    rests = [_energy([a - b for a, b in zip(left, way, strict=True)]) for way in ways]
-    best = int(np.argmin(rests))
+    ways = [[own * each for own, each in zip(factor, shape, strict=True)] for shape in (read, force)]
+    told = min(ways, key=lambda way: energy([a - b for a, b in zip(left, way, strict=True)]))
     without = tuple(
         replace(each, predicted_n=each.predicted_n + more)
-        for each, more in zip(predictions, ways[best], strict=True)
+        for each, more in zip(predictions, told, strict=True)
     )
-    rms = float(np.sqrt(np.sum(product**2 / size) / np.sum(size)))
-    return OwnFactors(factor, rms, 1.0 - rests[best] / max(_energy(left), 1e-300), without)
-
-
-def _energy(records: Sequence[Array]) -> float:
-    return sum(float(np.sum(each**2)) for each in records)
+    share = 1.0 - energy([each.residual_n for each in without]) / max(energy(left), 1e-300)
+    return OwnFactors(factor, float(np.sqrt(np.sum(product * factor) / np.sum(size))), share, without)
