@@ -32,7 +32,7 @@ _TELLING = 5.0
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
 _MUCH = 0.01
-_REPEATS = 0.015
+_SCATTER = 0.015
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 _WIDER = "trials over a wider range of speed and feed"
 
@@ -157,9 +157,9 @@ def _word(
 def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least: float) -> bool:
     """Whether something is missing: the residual depends on something, or is clearly more than noise.
 
-    Levels, of which a trial has one, scatter more than the noise within a trial; any other force by what no
-    two trials have in common. Where that noise had to be
-    read beside the lines, all that is not periodic counts as noise; no noise follows the path or the session.
+    Levels, of which a trial has one, scatter more than the noise within a trial. From any other force a small
+    factor of each trial's own is taken first. Where the noise had to be read beside the lines, all that is
+    not periodic counts as noise; no noise follows the path or the session.
     """
     clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
     own = next(filter(_of_the_trial, before), None)
@@ -171,8 +171,8 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least:
 
 
 def _of_the_trial(each: Dependence) -> bool:
-    """Whether this is a factor of each trial's own, no larger than sheets and sensors repeat."""
-    return each.covariate == "trial" and each.found and each.factor < _REPEATS
+    """Whether this is a factor of each trial's own, too small to be called something missing."""
+    return each.covariate == "trial" and each.found and each.factor < _SCATTER
 
 
 def reached(floor: float, tolerance: float) -> float:
@@ -279,8 +279,8 @@ def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence], own: Depende
     else:
         text = "what is left depends on nothing that was measured"
     if own is not None:
-        text += f"; the force of each trial is larger or smaller as a whole, by {own.factor:.1%}, which is "
-        text += f"how little sheets and sensors repeat ({own.share:.0%} of what is left)"
+        text += f"; the force of each trial is larger or smaller as a whole, by {own.factor:.1%} "
+        text += f"({own.share:.0%} of what is left): below {_SCATTER:.1%} that counts as scatter"
     return {
         "depends_on": [each.covariate for each in left],
         "description": text,
