@@ -296,7 +296,7 @@ def decide(
             continue
         if _at_edge(each.value, declared):
             beyond.append(
-                f"{name} runs to {each.value:.3g} {each.unit}, the edge of its physical range "
+                f"{name} runs to {each.value:.3g}{_in(each.unit)}, the edge of its physical range "
                 f"{declared.low:g} to {declared.high:g}"
             )
     reasons += beyond if in_range else []
@@ -333,14 +333,15 @@ def _nil(kind: type[AbstractEffect], name: str, found: Interval) -> str | None:
     identity = kind.parameters[name].identity
     if identity is None or not found.low <= identity <= found.high:
         return None
-    return f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} includes {identity:g}, no effect"
+    return f"{name} {found.low:.3g} to {found.high:.3g}{_in(found.unit)} includes {identity:g}, no effect"
 
 
 def _blurred(name: str, found: Interval) -> str | None:
     """In words, that a parameter is not known to a factor of two; None where it is."""
     if found.low > 0.0 and found.high <= _SHARP * found.low:
         return None
-    return f"{name} {found.low:.3g} to {found.high:.3g} {found.unit} is not known to a factor of {_SHARP:g}"
+    lies = f"{name} {found.low:.3g} to {found.high:.3g}{_in(found.unit)}"
+    return f"{lies} is not known to a factor of {_SHARP:g}"
 
 
 def _at_edge(value: float, declared: Parameter) -> bool:
@@ -357,3 +358,8 @@ def _at_edge(value: float, declared: Parameter) -> bool:
 def _accounted(before: HeldOut, after: HeldOut) -> float:
     """Root-mean-square of what the candidate explains on held-out trials, over that of the force."""
     return float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, 0.0)))
+
+
+def _in(unit: str) -> str:
+    """The unit behind a number; nothing behind a bare one."""
+    return "" if unit == "1" else f" {unit}"

@@ -20,6 +20,7 @@ TONES = {
     "ambiguous": "open",
     "unexplained": "open",
 }
+_SPELT_OUT = {"trial": "which trial it is", "another axis": "the force on another axis"}
 
 
 def spoken(name: str) -> str:
@@ -84,7 +85,7 @@ def _explained(tracing: Tracing, verdict: dict[str, Any]) -> tuple[str, str]:
 
 
 def _partly(tracing: Tracing, verdict: dict[str, Any]) -> tuple[str, str]:
-    left = _listed(verdict["remaining"]["depends_on"])
+    left = _depends_on(verdict)
     more = f"and what remains still depends on {left}" if left else "so something more is missing"
     return (
         f"{_lacks(verdict)}.",
@@ -106,7 +107,7 @@ def _ambiguous(tracing: Tracing, verdict: dict[str, Any]) -> tuple[str, str]:
 
 
 def _unexplained(tracing: Tracing, verdict: dict[str, Any]) -> tuple[str, str]:
-    left = _listed(verdict["remaining"]["depends_on"])
+    left = _depends_on(verdict)
     depends = f", and what it misses depends on {left}" if left else ""
     error = percent(verdict["before"]["heldout_nrmse"])
     return (
@@ -154,6 +155,10 @@ def _tried(tracing: Tracing, one_does: str, it_does: str) -> str:
     if count == 1:
         return f"the one known effect that was tried does not {it_does}"
     return f"none of the {count} known effects that were tried {one_does}"
+
+
+def _depends_on(verdict: dict[str, Any]) -> str:
+    return _listed([_SPELT_OUT.get(name, name) for name in verdict["remaining"]["depends_on"]])
 
 
 def _listed(names: list[str]) -> str:

@@ -28,7 +28,9 @@ def isolability_figure(tracing: Tracing) -> Figure | None:
     ]
     figure = new_figure(1.6 + 0.27 * count)
     axes = figure.subplots()
-    image = axes.imshow(np.where(np.eye(count) > 0, np.nan, found.cosine), cmap="Blues", vmin=0.0, vmax=1.0)
+    image = axes.imshow(
+        np.where(np.eye(count) > 0, np.nan, found.cosine), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto"
+    )
     for row, column in zip(*np.nonzero(found.cosine >= 0.6), strict=True):
         if row != column:
             cosine = found.cosine[row, column]
@@ -39,5 +41,5 @@ def isolability_figure(tracing: Tracing) -> Figure | None:
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
-    figure.colorbar(image, ax=axes, shrink=0.7, label="likeness of two effects (absolute cosine)")
+    figure.colorbar(image, ax=axes, aspect=max(6, count), label="absolute cosine")
     return figure
