@@ -5,7 +5,9 @@ batch beside another) is imitated in part by every effect that grows with someth
 So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
 of the candidate little that is its own, the candidate is not the cause. Runout, a mode, a filter change the
 shape of the force and pass beside any factor; a mode or a filter that does not, however much it explains, is
-but a gain at each spindle speed. Levels have no shape, so tools that have only those are let be.
+but a gain at each spindle speed. And one that does little beside the factors must take most of what is
+missing: gains that go their own way are imitated in part. Levels have no shape, so tools that have only those
+are let be.
 """
 
 from __future__ import annotations
@@ -16,37 +18,43 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines
 
 _SHARE_OF_FREE = 0.9
 _OWN = 0.5
 _OWN_OF_A_RESPONSE = 0.2
+_MOST = 0.7
 
 
 def rather_a_factor(
-    problem: Problem, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
+    problem: Problem, lines: Lines, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
 ) -> str | None:
     """Why an effect is refused that a factor of each trial's own does better than; None where it is not.
 
-    Arguments: problem; the effects and unknowns [U] of the model before, and of the one with the candidate.
+    Arguments: problem, lines; the effects and unknowns [U] of the model before, and of the one with the
+    candidate.
     """
     if problem.tool.kind in LEVEL_KINDS:
         return None
     plain, free = _squares(problem, before, np.asarray(x_before))
     plain_with, free_with = _squares(problem, after, np.asarray(x_after))
     explained, unnamed, own = plain - plain_with, plain - free, free - free_with
-    responds = after[-1].transfer is not AbstractEffect.transfer
-    if explained >= _SHARE_OF_FREE * unnamed and not (responds and own < _OWN_OF_A_RESPONSE * explained):
-        return None
     if own >= _OWN * explained:
         return None
     ratio = unnamed / max(explained, 1e-300)
-    if ratio < 1.0 / _SHARE_OF_FREE:
+    if ratio > 1.0 / _SHARE_OF_FREE:
+        return f"a factor of its own for each trial explains {ratio:.1f} times as much"
+    if after[-1].transfer is not AbstractEffect.transfer and own < _OWN_OF_A_RESPONSE * explained:
         return (
             "does no more than a factor of its own for each trial would: the spindle's speeds alone tell it"
         )
-    return f"a factor of its own for each trial explains {ratio:.1f} times as much"
+    missing = plain - float(noise_squares(problem, lines).sum())
+    if explained < _MOST * missing:
+        return f"explains {explained / missing:.0%} of what is missing, little of it beside a factor a trial"
+    return None
 
 
 def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float]:

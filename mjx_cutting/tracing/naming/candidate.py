@@ -89,7 +89,7 @@ def try_effect(
     axes = axes_of(problem.tool.kind)
     decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance, axes=axes)
     if decision.accepted:
-        why = rather_a_factor(problem, effects[:-1], before.x, effects, found.x)
+        why = rather_a_factor(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_smeared(problem, lines, effects, found.x)
         why = why or rather_by_line(problem, effects, before.x, found.x)
         why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)

@@ -37,28 +37,31 @@ def test_what_is_a_factor_of_each_trial_is_told_from_a_change_of_shape(
         problem, base = fit_base(problem)
         start = effect_starts(problem, kind, base.x)[0]
         found, _ = fitted(problem, lines, (kind,), np.asarray(start), folds(dataset, 0))
-        why = rather_a_factor(problem, (), base.x, (kind,), found.x)
+        why = rather_a_factor(problem, lines, (), base.x, (kind,), found.x)
     assert (why is not None) == refused
 
 
 # what the base model leaves, and with a factor a trial; the same beside the effect
 @pytest.mark.parametrize(
-    ("name", "beside", "refused"),
+    ("name", "alone", "beside", "refused"),
     [
-        ("robot_mode", (30.0, 31.0), "spindle's speeds alone"),
-        ("robot_mode", (30.0, 10.0), None),
-        ("flank_wear", (30.0, 31.0), None),
-        ("robot_mode", (80.0, 31.0), "3.5 times as much"),
+        ("robot_mode", (100.0, 30.0), (30.0, 31.0), "spindle's speeds alone"),
+        ("robot_mode", (100.0, 30.0), (30.0, 10.0), None),
+        ("flank_wear", (100.0, 30.0), (30.0, 31.0), None),
+        ("robot_mode", (100.0, 30.0), (80.0, 31.0), "3.5 times as much"),
+        ("flank_wear", (100.0, 65.0), (60.0, 50.0), "explains 41% of what is missing"),
+        ("flank_wear", (100.0, 65.0), (60.0, 40.0), None),
+        ("flank_wear", (100.0, 35.0), (30.0, 25.0), None),
     ],
 )
-def test_a_mode_that_does_no_more_than_a_gain_at_each_speed_is_refused(
-    monkeypatch, mill, posed, name, beside, refused
+def test_what_a_gain_of_each_trial_could_do_is_refused_where_it_does_no_more_or_leaves_most(
+    monkeypatch, mill, posed, name, alone, beside, refused
 ):
-    """Seventy of a hundred: by a factor a trial alone, by the effect alone, and by both."""
+    """Of a hundred, two of them noise: left by a factor a trial alone, by the effect alone, and by both."""
     kind = effect_class(name)
-    monkeypatch.setattr(
-        own_gain, "_squares", lambda problem, effects, x: beside if effects else (100.0, 30.0)
-    )
+    monkeypatch.setattr(own_gain, "_squares", lambda problem, effects, x: beside if effects else alone)
+    monkeypatch.setattr(own_gain, "noise_squares", lambda problem, lines: np.full((1, 2, 1), 1.0))
     with _platform.x64():
-        why = rather_a_factor(posed(mill())[1], (), np.zeros(1), (kind,), np.zeros(1))
+        lines, problem = posed(mill())
+        why = rather_a_factor(problem, lines, (), np.zeros(1), (kind,), np.zeros(1))
     assert why is None if refused is None else refused in why
