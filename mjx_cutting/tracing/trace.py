@@ -37,6 +37,8 @@ from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import TIED, testable, verdict
 from mjx_cutting.trials.dataset import Dataset
 
+_CLEARER = 0.5
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tracing(Pass):
@@ -82,7 +84,8 @@ def trace(
         return found
     progress(f"once more, without {one.file}")
     again = _trace(without(dataset, one), band_hz, effects, seed, progress)
-    return found if again.verdict["verdict"] == "unexplained" else again
+    settled = again.verdict["verdict"] != "unexplained"
+    return again if settled or again.final.nrmse < _CLEARER * found.final.nrmse else found
 
 
 def _trace(

@@ -34,6 +34,12 @@ def test_the_effect_in_the_others_is_named(mill):
     assert [each["name"] for each in verdict["effects"]] == ["radial_runout"]
 
 
+def test_a_spoiled_record_does_not_hide_how_much_is_missing_in_the_others(mill):
+    verdict = trace(_with_a_loose_cable(mill(Hidden(runout_m=2e-6))), effects=["mains_pickup"]).verdict
+    assert verdict["verdict"] == "unexplained"
+    assert [each["file"] for each in verdict["left_out"]] == ["t03.csv"]
+
+
 def test_what_is_missing_in_every_trial_spoils_none(mill):
     dataset = mill()
     force = 1e3 * np.ones((6, 3))
