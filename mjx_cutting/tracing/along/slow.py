@@ -7,13 +7,14 @@ over the path) is fitted beside it, and where that does better by a sixth, the e
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.kind import Kind, as_values
+from mjx_cutting.tracing.along.layers import borders_on, columns_of, together
 from mjx_cutting.tracing.along.shapes import (
     Sums,
     error_change,
@@ -23,23 +24,21 @@ from mjx_cutting.tracing.along.shapes import (
     sums,
 )
 from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.surety import intervals, reach_of_the_model, unsure_force
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.decision import (
     TOLERANCE,
     Decision,
-    Interval,
     chance_over_trials,
     decide,
-    half_width,
-    interval,
 )
 from mjx_cutting.tracing.records.course import Course
 
 MOST_SLOW = 4
 _HATS = 24
 _SHARE_OF_FREE = 0.85
-_MOST_UNSURE = 2.0
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
+_IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
 Array = NDArray[np.floating]
 
 
@@ -47,7 +46,8 @@ Array = NDArray[np.floating]
 class SlowCandidate:
     """A slow effect tried: as fitted, its held-out error, the decision; what it adds to each trial, N, beside
     a steady model fitted without it (`added_n`), and by itself (`whole_n`); `short_of_free` where all that
-    refuses it is that force free in position does better."""
+    refuses it is that force free in position does better; its `shape` [d]; the share by which its strength
+    may be off as the steady model is (`unsure`)."""
 
     kind: type[AbstractEffect]
     effect: AbstractEffect
@@ -56,6 +56,8 @@ class SlowCandidate:
     added_n: tuple[Array, ...]
     whole_n: tuple[Array, ...] = ()
     short_of_free: bool = False
+    shape: Array = field(default_factory=lambda: np.zeros(0))
+    unsure: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +108,17 @@ def search_slow(
         tried = []
         for kind in open_:
             progress(f"along the trial: {kind.name}")
-            tried.append(_try(kind, trials, before, test))
+            tried.append(_try(kind, trials, before, test, _found(rounds, kind)))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
         if accepted is None:
             short = [each.kind for each in tried if each.short_of_free]
             layers = [kind for kind in open_ if kind.several and kind.effect in short]
-            stack = [each for kind in layers[:1] for each in _stack(kind, trials, before, test)]
+            stack = [
+                each
+                for kind in layers[:1]
+                for each in _stack(kind, trials, before, test, _found(rounds, kind))
+            ]
             for each in stack:
                 others = (other for other in tried if other.kind is not each.kind)
                 rounds.append(SlowRound(before, (each, *others), each))
@@ -124,6 +130,9 @@ def search_slow(
             break
         before, trials = accepted.heldout, _without(trials, accepted)
         open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
+    for kind in kinds:
+        if len(_found(rounds, kind)) > 1:
+            rounds = _fitted_together(rounds, kind, trials, before, test)
     return tuple(rounds)
 
 
@@ -139,6 +148,15 @@ class _Test:
     in_range: bool
 
 
+def _found(rounds: Sequence[SlowRound], kind: Kind) -> list[Array]:
+    """Shapes of what was accepted of a kind that may be there several times; none where each is at a phase of
+    its own, and so beside the others."""
+    if not kind.several or kind.own_phase:
+        return []
+    accepted = (each.accepted for each in rounds)
+    return [each.shape for each in accepted if each is not None and each.kind is kind.effect]
+
+
 def _without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
     """The trials less what was found."""
     return [
@@ -146,13 +164,16 @@ def _without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
     ]
 
 
-def _stack(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -> list[SlowCandidate]:
+def _stack(
+    kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test, beside: list[Array]
+) -> list[SlowCandidate]:
     """Several of a kind that together do all that force free in position could, though the first alone does
     not: a sheet of several layers. Empty where they do not: steps come near to anything, if not quite."""
     found: list[SlowCandidate] = []
     explained = 0.0
     while len(found) < MOST_SLOW - 1:
-        one = _try(kind, trials, before, replace(test, free=0.0))
+        others = [*beside, *(each.shape for each in found)]
+        one = _try(kind, trials, before, replace(test, free=0.0), others)
         if not one.decision.accepted:
             return []
         found.append(one)
@@ -163,12 +184,53 @@ def _stack(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -
     return []
 
 
+def _fitted_together(
+    rounds: Sequence[SlowRound], kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test
+) -> list[SlowRound]:
+    """The rounds with the strengths of all that was accepted of a kind fitted at once, to what `trials` leave
+    when all that was found is taken out."""
+    places = [
+        place
+        for place, each in enumerate(rounds)
+        if each.accepted is not None and each.accepted.kind is kind.effect
+    ]
+    accepted = [each for place in places if (each := rounds[place].accepted) is not None]
+    for each in accepted:
+        added = tuple(-one for one in each.added_n)
+        trials = _without(trials, replace(each, added_n=added))
+    found = together(kind, trials, [each.shape for each in accepted])
+    uses = [(before.fold != fold).astype(float) for fold in range(int(before.fold.max()) + 1)]
+    _, whole, _ = solve(found, np.ones(len(trials)), test.weight)
+    by_fold = [solve(found, use, test.weight)[1] for use in uses]
+    new = list(rounds)
+    for i, (place, each) in enumerate(zip(places, accepted, strict=True)):
+        effect = kind.build(each.shape, whole[i : i + 1])
+        columns = [kind.columns(course, each.shape) * whole[i] for course in trials]
+        values = [as_values(kind.build(each.shape, c[i : i + 1])) for c in by_fold]
+        strength = kind.effect.strength
+        told = intervals(kind, effect, values, each.unsure)[strength]
+        parameters = each.decision.parameters | {strength: told}
+        settled = replace(
+            each,
+            effect=effect,
+            decision=replace(each.decision, parameters=parameters),
+            added_n=tuple(c.own(one)[..., 0] for c, one in zip(trials, columns, strict=True)),
+            whole_n=tuple(one[..., 0] for one in columns),
+        )
+        others = tuple(settled if other is each else other for other in rounds[place].candidates)
+        new[place] = SlowRound(rounds[place].before, others, settled)
+    return new
+
+
 def _explained(before: HeldOut, after: HeldOut, weight: Array) -> float:
     """Fall of the weighted squared error on held-out trials."""
     return float(np.sum((before.error_n2 - after.error_n2) * weight**2))
 
 
-def _try(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -> SlowCandidate:
+def _try(
+    kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test, beside: Sequence[Array] = ()
+) -> SlowCandidate:
+    """The best of a kind, and whether it is accepted; those found `beside` it [d] are fitted anew with it."""
     weight, shapes = test.weight, kind.grid(trials)
     everyone = np.ones(len(trials))
     found, grid = kind.sums_of(trials, shapes), shapes
@@ -182,28 +244,29 @@ def _try(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -> 
             np.concatenate([found.square, close.square], axis=1),
             np.concatenate([found.product, close.product], axis=1),
         )
-    best, c = _fit(kind, found, everyone, weight)
+    fits = _Fits(kind, trials, found, shapes, weight, tuple(beside))
+    best, c = fits.to(everyone)
     effect = kind.build(shapes[best], c)
     error = np.zeros_like(before.error_n2)
     by_fold = []
     for fold in range(int(before.fold.max()) + 1):
-        shape, own = _fit(kind, found, (before.fold != fold).astype(float), weight)
+        shape, own = fits.to((before.fold != fold).astype(float))
         held = before.fold == fold
-        change = error_change(found, shape, _in_each(kind, found, shape, own, weight))
-        error[held] = (before.error_n2 + change)[held]
+        error[held] = (before.error_n2 + fits.error_change(shape, own))[held]
         by_fold.append(as_values(kind.build(shapes[shape], own)))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
     p = chance_over_trials(before, after, test.tries)
-    reach = _reach_of_the_model(kind, trials, shapes[best])
+    reach = reach_of_the_model(kind, trials, shapes[best])
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
-    parameters = _intervals(kind, effect, by_fold, error_of_it / accounted)
+    unsure = error_of_it / accounted
+    parameters = intervals(kind, effect, by_fold, unsure)
     off = reach * test.tolerance
     decision = decide(kind.effect, before, after, p, parameters, tolerance=off, in_range=test.in_range)
     if decision.accepted:
         # that it is there does not hang on how large the force is; how large a share of it, does
-        more = _unsure_force(kind, trials, shapes[best], c, weight)
-        parameters = _intervals(kind, effect, by_fold, error_of_it / accounted + more)
+        unsure += unsure_force(kind, trials, shapes[best], c[: len(c) - len(beside)], weight)
+        parameters = intervals(kind, effect, by_fold, unsure)
         decision = replace(decision, parameters=parameters)
     explained = _explained(before, after, weight)
     short = decision.accepted and kind.name in _IN_POSITION and explained < _SHARE_OF_FREE * test.free
@@ -211,83 +274,56 @@ def _try(kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test) -> 
         ratio = test.free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
         decision = replace(decision, accepted=False, reasons=(why,))
-    if decision.accepted and kind.rather is not None and (why := kind.rather(trials, effect)):
+    rather = None if beside and borders_on(shapes[best], beside) else kind.rather
+    if decision.accepted and rather is not None and (why := rather(trials, effect)):
         decision = replace(decision, accepted=False, reasons=(why,))
-    own_c = _in_each(kind, found, best, c, weight)
     added, whole = [], []
-    for course, one in zip(trials, own_c, strict=True):
-        columns = kind.columns(course, shapes[best])
+    for course, one in zip(trials, fits.in_each(best, c), strict=True):
+        columns = fits.columns(course, best)
         added.append(course.own(columns) @ one)
         whole.append(columns @ one)
-    return SlowCandidate(kind.effect, effect, after, decision, tuple(added), tuple(whole), short)
+    return SlowCandidate(
+        kind.effect, effect, after, decision, tuple(added), tuple(whole), short, shapes[best], unsure
+    )
 
 
-def _fit(kind: Kind, found: Sums, use: Array, weight: Array) -> tuple[int, Array]:
-    """Best shape and coefficients [k] over the trials used."""
-    if kind.own_phase:
-        return solve_in_phase(found, use, weight)
-    best, c, _ = solve(found, use, weight)
-    return best, c
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """Fits of one of a kind: the `found` statistics at `shapes` [P, d], and those `beside` it fitted anew."""
 
+    kind: Kind
+    trials: Sequence[Course]
+    found: Sums
+    shapes: Array
+    weight: Array
+    beside: tuple[Array, ...]
 
-def _in_each(kind: Kind, found: Sums, shape: int, c: Array, weight: Array) -> Array:
-    """[R, k] coefficients in every trial, its own phase fitted on it where the effect has one."""
-    if kind.own_phase:
-        return phases(found, shape, c, weight) @ c
-    return np.tile(c, (len(found.product), 1))
+    def to(self, use: Array) -> tuple[int, Array]:
+        """Best shape and its coefficients [k], with those of the others behind them, over the trials used."""
+        if self.kind.own_phase:
+            return solve_in_phase(self.found, use, self.weight)
+        best, c, _ = solve(self.found, use, self.weight)
+        return best, solve(self._at(best)[0], use, self.weight)[1] if self.beside else c
 
+    def error_change(self, shape: int, c: Array) -> Array:
+        """[R, 3] change of each trial's squared error, N^2."""
+        return error_change(*self._at(shape), self.in_each(shape, c))
 
-_IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
+    def in_each(self, shape: int, c: Array) -> Array:
+        """[R, k] coefficients in every trial, its own phase fitted on it where the effect has one."""
+        if self.kind.own_phase:
+            return phases(self.found, shape, c, self.weight) @ c
+        return np.tile(c, (len(self.trials), 1))
 
+    def columns(self, course: Course, shape: int) -> Array:
+        """[T, 3, k] what each coefficient adds to a trial."""
+        return columns_of(self.kind, course, (self.shapes[shape], *self.beside))
 
-def _reach_of_the_model(kind: Kind, trials: Sequence[Course], shape: Array) -> float:
-    """How much of its own error a model of the cut can put where the effect acts, 0 to 1.
-
-    What starts each trial at a phase of its own, whatever the spindle does, stands beside the lines of the
-    cut: there, a wrong calculation has its share of what is calculated. All other effects act on just that.
-    """
-    if not kind.own_phase:
-        return 1.0
-    there = whole = 0.0
-    for course in trials:
-        columns = kind.columns(course, shape)
-        columns = columns.reshape(-1, columns.shape[-1])
-        force = (course.chip_n + course.edge_n).ravel()
-        there += float(np.sum((columns @ np.linalg.lstsq(columns, force, rcond=None)[0]) ** 2))
-        whole += float(np.sum(force**2))
-    return float(np.sqrt(there / max(whole, 1e-300)))
-
-
-def _intervals(
-    kind: Kind, effect: AbstractEffect, by_fold: list[dict[str, Array]], unsure: float
-) -> dict[str, Interval]:
-    """Intervals by name; by the model's own error the strength may be off by the share `unsure` of it."""
-    whole, found = as_values(effect), {}
-    for name in (each for each in kind.effect.parameters if each in whole):
-        error = unsure * np.abs(whole[name]) if name == kind.effect.strength else 0.0
-        by_name = np.stack([each[name] for each in by_fold])
-        declared = kind.effect.parameters[name]
-        if name in kind.untold and not np.any(np.append(by_name, whole[name]) != declared.identity):
-            found[name] = Interval(float(whole[name]), declared.low, declared.high, declared.unit)
-            continue
-        found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error, on_grid=True)
-    return found
-
-
-def _unsure_force(kind: Kind, trials: Sequence[Course], shape: Array, c: Array, weight: Array) -> float:
-    """Half-width of the interval of the force that an effect is a share of, over that force: how far the
-    steady models that were fitted without a fold differ."""
-    found = []
-    of_all = [(kind.columns(course, shape) @ c) * weight for course in trials]
-    for fold in range(len(trials[0].chip_by_fold)):
-        common = energy = 0.0
-        for course, whole in zip(trials, of_all, strict=True):
-            other = (kind.columns(course.without(fold), shape) @ c) * weight
-            common += float(np.sum(whole * other))
-            energy += float(np.sum(other**2))
-        found.append(common / max(energy, 1e-300))
-    half = half_width(np.asarray(found)[:, None]) if found else np.zeros(1)
-    return min(float(half[0]), _MOST_UNSURE)
+    def _at(self, shape: int) -> tuple[Sums, int]:
+        """Statistics that hold a shape with those beside it, and its place in them."""
+        if not self.beside:
+            return self.found, shape
+        return together(self.kind, self.trials, (self.shapes[shape], *self.beside)), 0
 
 
 def _free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -> float:

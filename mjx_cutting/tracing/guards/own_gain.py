@@ -4,10 +4,10 @@ Whatever makes all the force of a trial larger or smaller (a material that softe
 batch beside another) is imitated in part by every effect that grows with something the trials differ in.
 So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
 of the candidate little that is its own, the candidate is not the cause. Runout, a mode, a filter change the
-shape of the force and pass beside any factor; a mode or a filter that does not, however much it explains, is
-but a gain at each spindle speed. And one that does little beside the factors must take most of what is
-missing: gains that go their own way are imitated in part. Levels have no shape, so tools that have only those
-are let be.
+shape of the force and pass beside any factor, or explain what the factors leave; a mode or a filter that does
+neither, however much it explains, is but a gain at each spindle speed. And one that does little beside the
+factors must take most of what is missing: gains that go their own way are imitated in part. Levels have no
+shape, so tools that have only those are let be.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.model_error import tolerated
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -47,11 +48,14 @@ def rather_a_factor(
     ratio = unnamed / max(explained, 1e-300)
     if ratio > 1.0 / _SHARE_OF_FREE:
         return f"a factor of its own for each trial explains {ratio:.1f} times as much"
+    quiet = float(noise_squares(problem, lines).sum())
+    missing, rest = plain - quiet, free - quiet
+    if rest > tolerated(problem, lines) ** 2 and own >= _MOST * rest:
+        return None
     if after[-1].transfer is not AbstractEffect.transfer and own < _OWN_OF_A_RESPONSE * explained:
         return (
             "does no more than a factor of its own for each trial would: the spindle's speeds alone tell it"
         )
-    missing = plain - float(noise_squares(problem, lines).sum())
     if explained < _MOST * missing:
         return f"explains {explained / missing:.0%} of what is missing, little of it beside a factor a trial"
     return None

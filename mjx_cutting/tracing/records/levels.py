@@ -2,7 +2,8 @@
 
 Such a tool is always engaged, so a turn has no shape to speak of: thrust and torque of a drill, the three
 forces of a turning tool, each at the steady part of the trial. A sensor zeroed before the trial reads nothing
-there but the cut, so no bias is fitted.
+there but the cut, so no bias is fitted; where records that begin in the air show that it was not at zero,
+what it read there is taken off.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ LEVEL_KINDS = ("drill", "turning")
 _IN_CUT = 0.5
 _TRIMMED = 0.1
 _FEWEST = 8
+_AIR = 0.2
+_FEWEST_IN_AIR = 20
+_AT_REST = 3.0
+_SHORTER = 0.8
 
 
 def axes_of(kind: str) -> tuple[str, str, str]:
@@ -35,7 +40,13 @@ def as_levels(dataset: Dataset) -> Dataset:
     """
     if dataset.tool.kind not in LEVEL_KINDS:
         return dataset
-    trials = [_level(trial, dataset.tool.kind) for trial in dataset.trials]
+    trials = [_channels(trial, dataset.tool.kind) for trial in dataset.trials]
+    if dataset.sensor.zeroed == "trial":
+        trials = _at_zero(trials)
+    trials = [
+        part_of(trial, along_path(trial), _steady(trial.force_n)) if trial.kind == "cut" else trial
+        for trial in trials
+    ]
     if dataset.tool.kind == "drill":
         mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
         against = np.where(mean < 0.0, -1.0, 1.0)
@@ -43,22 +54,62 @@ def as_levels(dataset: Dataset) -> Dataset:
     return replace(dataset, trials=tuple(trials))
 
 
-def _level(trial: Trial, kind: str) -> Trial:
+def _channels(trial: Trial, kind: str) -> Trial:
+    """The trial with what is measured of it in the columns of the force."""
     force = trial.force_n
     if kind == "drill":
         torque = np.zeros(len(force)) if trial.torque_nm is None else trial.torque_nm
         force = np.stack([np.zeros(len(force)), torque, force[:, 2]], axis=-1)
-    channels = replace(trial, force_n=force, torque_nm=None)
-    return part_of(channels, along_path(trial), _steady(force)) if trial.kind == "cut" else channels
+    return replace(trial, force_n=force, torque_nm=None)
+
+
+def _at_zero(trials: list[Trial]) -> list[Trial]:
+    """The trials less what they read in the air before the cut, where that is more than its noise."""
+    airs = [_air(trial.force_n) if trial.kind == "cut" else None for trial in trials]
+    read = [(air.mean(axis=0), _AT_REST * _error(air)) for air in airs if air is not None]
+    if not read:
+        return trials
+    mean, error = (np.stack(each) for each in zip(*read, strict=True))
+    if np.mean((mean[:, error.any(axis=0)] / error[:, error.any(axis=0)]) ** 2) < 1.0:
+        return trials
+    return [
+        trial if air is None else replace(trial, force_n=trial.force_n - air.mean(axis=0))
+        for trial, air in zip(trials, airs, strict=True)
+    ]
+
+
+def _air(force: NDArray[np.floating]) -> NDArray[np.floating] | None:
+    """[A, 3] the samples before the tool touches; None where there are too few to tell where the zero is."""
+    size, usual = _sizes(force)
+    touched = int(np.argmax(size > _IN_CUT * usual))
+    while touched >= _FEWEST_IN_AIR:
+        air = force[:touched]
+        early, late = air[: 3 * touched // 4], air[3 * touched // 4 :]
+        rise = np.abs(late.mean(axis=0) - early.mean(axis=0))
+        if np.all(rise <= _AT_REST * _error(late)):
+            level = np.linalg.norm(air.mean(axis=0) / np.maximum(np.abs(force).max(axis=0), 1e-12))
+            return air if level < _AIR * usual else None
+        touched = int(_SHORTER * touched)
+    return None
+
+
+def _error(samples: NDArray[np.floating]) -> NDArray[np.floating]:
+    """[3] standard error of the mean of samples."""
+    return np.asarray(samples.std(axis=0) / np.sqrt(len(samples)))
 
 
 def _steady(force: NDArray[np.floating]) -> slice:
     """Samples in full engagement: from the first to the last above half the usual force, ends trimmed."""
-    size = np.linalg.norm(force / np.maximum(np.abs(force).max(axis=0), 1e-12), axis=1)
-    usual = float(np.median(size[size >= 0.2 * size.max()]))
+    size, usual = _sizes(force)
     inside = np.flatnonzero(size > _IN_CUT * usual)
     if len(inside) < _FEWEST:
         return slice(None)
     first, last = int(inside[0]), int(inside[-1]) + 1
     trim = int(_TRIMMED * (last - first))
     return slice(first + trim, last - trim)
+
+
+def _sizes(force: NDArray[np.floating]) -> tuple[NDArray[np.floating], float]:
+    """[T] size of the force, each channel by its largest, and what is usual in the cut."""
+    size = np.linalg.norm(force / np.maximum(np.abs(force).max(axis=0), 1e-12), axis=1)
+    return size, float(np.median(size[size >= 0.2 * size.max()]))

@@ -46,6 +46,8 @@ def test_what_is_a_factor_of_each_trial_is_told_from_a_change_of_shape(
     ("name", "alone", "beside", "refused"),
     [
         ("robot_mode", (100.0, 30.0), (30.0, 31.0), "spindle's speeds alone"),
+        ("robot_mode", (100.0, 12.0), (2.0, 2.0), None),
+        ("robot_mode", (100.0, 2.5), (2.0, 2.0), "spindle's speeds alone"),
         ("robot_mode", (100.0, 30.0), (30.0, 10.0), None),
         ("flank_wear", (100.0, 30.0), (30.0, 31.0), None),
         ("robot_mode", (100.0, 30.0), (80.0, 31.0), "3.5 times as much"),
@@ -61,6 +63,7 @@ def test_what_a_gain_of_each_trial_could_do_is_refused_where_it_does_no_more_or_
     kind = effect_class(name)
     monkeypatch.setattr(own_gain, "_squares", lambda problem, effects, x: beside if effects else alone)
     monkeypatch.setattr(own_gain, "noise_squares", lambda problem, lines: np.full((1, 2, 1), 1.0))
+    monkeypatch.setattr(own_gain, "tolerated", lambda problem, lines: 1.0)
     with _platform.x64():
         lines, problem = posed(mill())
         why = rather_a_factor(problem, lines, (), np.zeros(1), (kind,), np.zeros(1))
