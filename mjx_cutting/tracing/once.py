@@ -60,6 +60,8 @@ class Pass:
         base_model, model: force model without and with the effects named.
         before, after: every cut trial beside the prediction of the two models.
         evidence: sentences that a search has for the effect it found, by name.
+        noise_over: share of noise in the records judged over that in the `dataset`, which may be a part of
+            them.
     """
 
     dataset: Dataset
@@ -71,6 +73,7 @@ class Pass:
     before: tuple[Prediction, ...]
     after: tuple[Prediction, ...]
     evidence: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    noise_over: float = 1.0
 
     @property
     def along(self) -> tuple[SlowCandidate, ...]:
@@ -230,7 +233,7 @@ def _complete(found: Pass) -> bool:
 
 def near_floor(found: Pass) -> bool:
     """Whether the pass leaves no more than noise and calculation do."""
-    floor = noise_floor(found.dataset, found.lines)
+    floor = found.noise_over * noise_floor(found.dataset, found.lines)
     return found.final.nrmse <= reached(floor, found.search.problem.tolerance)
 
 

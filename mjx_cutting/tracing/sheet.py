@@ -9,9 +9,8 @@ whole records.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,15 +19,14 @@ from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, ef
 from mjx_cutting.tracing.along.engaged import touches_m
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.fitting.moving import wave
-from mjx_cutting.tracing.naming.decision import chance_over_trials, decide, interval
+from mjx_cutting.tracing.naming.decision import interval
 from mjx_cutting.tracing.once import Pass
-from mjx_cutting.tracing.records.course import Course, along_path, felt_at
+from mjx_cutting.tracing.records.course import along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
-from mjx_cutting.tracing.records.lines import Lines, band_limit
+from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.part import part_of
-from mjx_cutting.tracing.records.spindle import spindle_angle
-from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
+from mjx_cutting.tracing.whole_records import held_against, left_of, outside_the_cut
+from mjx_cutting.trials.dataset import Dataset, LeftOut
 
 _LEAST_TURNS = 10
 _FEWEST = 4
@@ -82,7 +80,7 @@ def _traced_inside(
         return None
     inside = one_pass(rest)
     tried = next(len(each.candidates) for each in found.slow if first in each.candidates)
-    whole = _judged_whole(dataset, inside, first, ends, tried)
+    whole, noise_over = _judged_whole(dataset, inside, first, ends, tried)
     if whole.accepted is None:
         return None
     start, end, by_axis = _places(whole.accepted)
@@ -93,7 +91,7 @@ def _traced_inside(
         sentence += f"{1e3 * reach.max():.1f} mm"
     if np.isfinite(end):
         sentence += f"; the sheet ends at {1e3 * end:.2f} mm"
-    inside = inside.with_round(whole, (sentence,))
+    inside = replace(inside.with_round(whole, (sentence,)), noise_over=noise_over)
     old = found.search.base
     base = HeldOut(old.error_n2[kept], whole.before.energy_n2, None, inside.search.base.fold)
     return replace(inside, search=replace(inside.search, base=base))
@@ -184,8 +182,10 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
     return replace(dataset, trials=tuple(trials), left_out=tuple(left_out)), kept
 
 
-def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, ends: Ends, tries: int) -> SlowRound:
-    """Entry and exit on the whole records, beside a model traced inside the sheet.
+def _judged_whole(
+    dataset: Dataset, inside: Pass, first: SlowCandidate, ends: Ends, tries: int
+) -> tuple[SlowRound, float]:
+    """Entry and exit on the whole records, beside a model traced inside the sheet; and `Pass.noise_over`.
 
     Arguments:
         dataset: the whole trials.
@@ -195,28 +195,14 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, ends: En
         tries: effects tried along a trial.
     """
     kind, final, weight = effect_class(NAME), inside.final, np.asarray(inside.search.problem.weight)
-    outside = _outside(dataset, inside)
-    courses = [each.course for each in outside]
+    outside = outside_the_cut(dataset, inside)
     shape = np.array(ends)
     for closer in _CLOSER:
         step = closer * _STEP * outside[0].ramps.longest_m
-        shape = min(_around(shape, step), key=lambda each: _left(outside, each, weight))
-    columns = [each.missing(shape) for each in outside]
-    product = np.array(
-        [np.sum(x * each.left_n * weight**2) for x, each in zip(columns, courses, strict=True)]
-    )
-    square = np.array([np.sum(x * x * weight**2) for x in columns])
-    others = [final.fold != f for f in range(int(final.fold.max()) + 1)]
-    by_fold = np.array([product[rest].sum() / max(square[rest].sum(), 1e-300) for rest in others])
-    share = float(product.sum() / max(square.sum(), 1e-300))
-    rows = list(zip(courses, columns, by_fold[final.fold], strict=True))
-    energy = np.stack([np.sum((each.chip_n + each.edge_n) ** 2, axis=0) for each in courses])
-    bare = np.stack([np.sum(each.left_n**2, axis=0) for each, _, _ in rows])
-    told = np.stack([np.sum((each.left_n - own * x) ** 2, axis=0) for each, x, own in rows])
-    before = HeldOut(final.error_n2 + bare, energy, None, final.fold)
-    after = HeldOut(final.error_n2 + told, energy, None, final.fold)
-    effect = effect_at(shape, np.array([share]))
-    parameters = {"share": interval(kind, "share", share, by_fold)}
+        shape = min(_around(shape, step), key=lambda each: left_of(outside, each, weight))
+    told = held_against([each.missing(shape) for each in outside], outside, final, weight)
+    effect = effect_at(shape, np.array([told.share]))
+    parameters = {"share": interval(kind, "share", told.share, told.by_fold)}
     for name in ("start_m", "length_m"):
         old, new = first.decision.parameters[name], float(effect.values()[name])
         parameters[name] = replace(
@@ -224,64 +210,7 @@ def _judged_whole(dataset: Dataset, inside: Pass, first: SlowCandidate, ends: En
         )
     met = first.decision.parameters["by_axis"]
     parameters["by_axis"] = replace(met, value=ends[2], low=ends[2], high=ends[2])
-    decision = decide(kind, before, after, chance_over_trials(before, after, tries), parameters)
-    silent = tuple(np.zeros_like(each.measured_n) for each in inside.after)
-    candidate = SlowCandidate(kind, effect, after, decision, silent)
-    return SlowRound(before, (candidate,), candidate if decision.accepted else None)
-
-
-@dataclass(frozen=True, eq=False)
-class _Outside:
-    """A whole record as predicted fully engaged, to be judged where the tool was not fully in the sheet.
-
-    Fields: `course`, its `left_n` nil elsewhere and the measured force in place of the edge's; `ramps` under
-    the model fitted without this trial; `where` [T] it is judged.
-    """
-
-    course: Course
-    ramps: Ramps
-    where: NDArray[np.bool_]
-
-    def missing(self, ends: Array) -> Array:
-        """[T, 3] what the force lacks there for a sheet with these ends, N."""
-        return self.ramps.missing(self.course, *(float(each) for each in ends)) * self.where[:, None]
-
-
-def _outside(dataset: Dataset, inside: Pass) -> list[_Outside]:
-    """Every whole record of which a part was traced inside the sheet."""
-    fits, fold, lines = inside.search.final.fits, inside.search.final.fold, inside.lines
-    assert fits is not None
-    models = [jax.tree.map(lambda leaf, f=f: leaf[f], fits.model) for f in range(int(fold.max()) + 1)]
-    ramps = [Ramps(lines, inside.search.problem, model) for model in models]
-    rate = dataset.sensor.sample_rate_hz
-    found = []
-    cuts = {trial.file: trial for trial in _cuts(dataset)}
-    pairs = [
-        (cuts[cut.file], cut, told) for cut, told in zip(_cuts(inside.dataset), inside.after, strict=True)
-    ]
-    for index, (trial, cut, told) in enumerate(pairs):
-        turned = spindle_angle(trial, told.speed_rev_s)
-        first = int(np.searchsorted(trial.time_s, cut.time_s[0]))
-        angle = turned + told.angle_rad[0] - turned[first]
-        steady = wave(lines, index, angle, ramps[fold[index]].whole(index), rate)
-        measured = band_limit(trial.force_n, rate, lines.band_hz)
-        left = measured - told.bias_n - steady
-        where = np.ones(len(left), bool)
-        where[first : first + len(cut.time_s)] = False
-        course = Course(
-            time_s=trial.time_s - trial.time_s[0],
-            position_m=felt_at(trial, filter_delay_s(dataset.sensor)),
-            feed_share=None,
-            chip_n=np.zeros_like(measured),
-            edge_n=measured,
-            left_n=left * where[:, None],
-            rate_hz=rate,
-            band_hz=lines.band_hz,
-            index=index,
-            angle_rad=angle,
-        )
-        found.append(_Outside(course, ramps[fold[index]], where))
-    return found
+    return told.round(effect, parameters, inside.after, tries), told.noise_over(inside)
 
 
 def _around(shape: Array, step: float) -> list[Array]:
@@ -290,11 +219,3 @@ def _around(shape: Array, step: float) -> list[Array]:
     starts = shape[0] + moves if np.isfinite(shape[0]) else shape[:1]
     ends = shape[1] + moves if np.isfinite(shape[1]) else shape[1:2]
     return [np.array([a, b, shape[2]]) for a in starts for b in ends]
-
-
-def _left(outside: Sequence[_Outside], ends: Array, weight: Array) -> float:
-    return sum(float(np.sum(((o.course.left_n - o.missing(ends)) * weight) ** 2)) for o in outside)
-
-
-def _cuts(dataset: Dataset) -> list[Trial]:
-    return [trial for trial in dataset.trials if trial.kind == "cut"]

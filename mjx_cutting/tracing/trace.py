@@ -21,6 +21,7 @@ from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
+from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.naming.decision import gain_over_trials
 from mjx_cutting.tracing.once import Pass, for_use, in_ramps, near_floor, once
@@ -137,7 +138,14 @@ def _trace(
             for kind in found.kinds
         }  # fmt: skip
         word = verdict(
-            found.dataset, found.lines, found.search, found.slow, depends_before, depends_after, reasons
+            found.dataset,
+            found.lines,
+            found.search,
+            found.slow,
+            depends_before,
+            depends_after,
+            reasons,
+            found.noise_over,
         )
         if reading is not None:
             word["remaining"]["description"] += f"; {reading}"
@@ -161,11 +169,11 @@ def _trace(
 
 def _where_engaged(found: Pass, one_pass: Callable[[Dataset], Pass]) -> tuple[Pass, Engaged | None]:
     """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
-    finds where their tools are in the cut."""
+    finds where their tools are in the cut, with the ramps if they are as the geometry has them."""
     if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return found, None
     part = engaged(found.dataset)
-    return (found, None) if part is None else (one_pass(part.dataset), part)
+    return (found, None) if part is None else (entered(found, one_pass(part.dataset), part, one_pass), part)
 
 
 def _caveats(found: Pass, *others: Reading | Unnamed | Above | Engaged | None) -> tuple[str, ...]:

@@ -27,20 +27,23 @@ _USUAL = 75.0
 _CLEAR = 1.1
 _AT_ONCE = 0.3
 _FEWEST_TURNS = 3.0
-_LEAST_TURNS = 10.0
+LEAST_TURNS = 10.0
 _FEWEST_IN_AIR = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Engaged:
     """The trials cut down. Fields: `dataset`; `spans_s` first and last time kept of every trial that was cut
-    down, by file."""
+    down, by file; `whole` the same trials with all of their records; `touched_m` where along the path the
+    force of those begins and ends, by file, m, infinite at an end that lies in the cut."""
 
     dataset: Dataset
     spans_s: dict[str, tuple[float, float]]
+    whole: Dataset
+    touched_m: dict[str, tuple[float, float]]
 
     def __str__(self) -> str:
-        said = "the tool enters or leaves the sheet within records, at a place of its own in each"
+        said = "the tool enters or leaves the sheet within records"
         if not self.spans_s:
             return f"{said}; too little of those was in the cut, so they are left out"
         told = ", ".join(f"{file} {low:.2f} to {high:.2f} s" for file, (low, high) in self.spans_s.items())
@@ -51,22 +54,22 @@ def engaged(dataset: Dataset) -> Engaged | None:
     """The trials where their tools are in the cut; None where no record begins or ends in the air."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool)) is not None}
-    turns = {trial.file: _turns(trial, stays[trial.file].part) for trial in cuts if trial.file in stays}
-    short = {file for file, many in turns.items() if many < _LEAST_TURNS}
+    turns = {trial.file: turns_in(trial, stays[trial.file].part) for trial in cuts if trial.file in stays}
+    short = {file for file, many in turns.items() if many < LEAST_TURNS}
     if not stays or len(cuts) - len(short) < 2:
         return None
     left_out = tuple(
         LeftOut(
             file,
             f"got {max(turns[file], 0.0):.0f} turns of the spindle with the tool fully in the cut, expected "
-            f"{_LEAST_TURNS:g} or more; cut further before the record ends.",
+            f"{LEAST_TURNS:g} or more; cut further before the record ends.",
         )
         for file in sorted(short)
     )
     sensor = dataset.sensor
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
     zeroed = shown and sensor.zeroed == "trial"
-    trials = []
+    trials, whole = [], []
     for trial in dataset.trials:
         if trial.file in short:
             continue
@@ -76,7 +79,10 @@ def engaged(dataset: Dataset) -> Engaged | None:
             stay = stays[trial.file]
             if zeroed:
                 trial = replace(trial, force_n=trial.force_n - trial.force_n[: stay.air].mean(axis=0))
+            whole.append(trial)
             trial = part_of(trial, along_path(trial), stay.part)
+        else:
+            whole.append(trial)
         trials.append(trial)
     spans = {t.file: (float(t.time_s[0]), float(t.time_s[-1])) for t in trials if t.file in stays}
     if zeroed:
@@ -84,7 +90,12 @@ def engaged(dataset: Dataset) -> Engaged | None:
         sensor = replace(sensor, zeroed="session")
         trials.append(_air(max(cuts, key=lambda trial: stays[trial.file].air), stays))
     rest = replace(dataset, trials=tuple(trials), sensor=sensor, left_out=(*dataset.left_out, *left_out))
-    return Engaged(rest, spans)
+    return Engaged(
+        rest,
+        spans,
+        replace(rest, trials=tuple(whole)),
+        {t.file: stays[t.file].touched_m for t in trials if t.file in stays},
+    )
 
 
 def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
@@ -96,10 +107,12 @@ def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
 
 @dataclass(frozen=True)
 class _Stay:
-    """Where a tool is in the cut. Fields: `part` samples; `air` samples before the first touch."""
+    """Where a tool is in the cut. Fields: `part` samples; `air` samples before the first touch; `touched_m`
+    places along the path where the force begins and ends, infinite where the record does."""
 
     part: slice
     air: int
+    touched_m: tuple[float, float]
 
 
 def touches_m(dataset: Dataset) -> NDArray[np.floating]:
@@ -151,10 +164,15 @@ def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
 
     first = int(touching[0]) + within(touching[0], full[0]) if before >= least else 0
     last = int(touching[-1]) - within(touching[-1], full[-1]) if after >= least else last_sample
-    return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0)
+    place = along_path(trial)
+    touched = (
+        float(place[touching[0]]) if before >= least else -np.inf,
+        float(place[touching[-1]]) if after >= least else np.inf,
+    )
+    return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0, touched)
 
 
-def _turns(trial: Trial, part: slice) -> float:
+def turns_in(trial: Trial, part: slice) -> float:
     """Turns of the spindle in a part of a trial."""
     return (
         (part.stop - part.start) / len(trial.time_s) * float(np.ptp(trial.time_s)) * trial.spindle_speed_rev_s

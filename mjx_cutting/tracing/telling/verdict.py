@@ -45,6 +45,7 @@ def verdict(
     before: Sequence[Dependence],
     after: Sequence[Dependence],
     evidence: dict[str, list[str]],
+    noise_over: float = 1.0,
 ) -> dict[str, Any]:
     """The verdict as a dictionary ready for verdict.json.
 
@@ -53,8 +54,9 @@ def verdict(
         found, slow: the outcome of the searches over steady effects and over those along a trial.
         before, after: what the residual depends on under the base and under the final model.
         evidence: sentences for each accepted effect, by name.
+        noise_over: share of noise in the records judged over that in the `dataset`.
     """
-    floor = noise_floor(dataset, lines)
+    floor = noise_over * noise_floor(dataset, lines)
     least = reached(floor, found.problem.tolerance)
     accepted = [each for each in found.rounds if each.accepted is not None]
     both = {each.accepted.kind for each in accepted if each.accepted is not None}

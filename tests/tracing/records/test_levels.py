@@ -137,6 +137,40 @@ def test_a_layer_keeps_its_share_where_the_sensor_was_zeroed_once():
     assert layer["parameters"]["change"]["value"] == pytest.approx(change, rel=0.05)
 
 
+def _stacked(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
+    gain = np.where(position < 1.2e-3, 1.0, np.where(position < 1.8e-3, 2.0, 1.3))
+    return replace(trial, force_n=trial.force_n * gain[:, None], torque_nm=trial.torque_nm * gain)
+
+
+def test_layers_of_three_strengths_are_fitted_together():
+    """The first layer found takes the mean of the two others for the force beside it."""
+    found = trace(_with(_drills(0.0), _stacked), effects=("flank_wear", "layered_material"))
+    layers = [each.effect.values() for each in found.along]
+    assert [each.kind.name for each in found.along] == ["layered_material"] * 2
+
+    def force(place_m):
+        inside = (a["start_m"] < place_m < a["start_m"] + a["length_m"] for a in layers)
+        return float(np.prod([1.0 + a["change"] * here for a, here in zip(layers, inside, strict=True)]))
+
+    first, second, third = (force(place) for place in (0.8e-3, 1.5e-3, 3e-3))
+    assert second / first == pytest.approx(2.0, abs=0.02)
+    assert third / first == pytest.approx(1.3, abs=0.02)
+
+
+def test_what_the_sensor_reads_in_the_air_before_the_cut_is_its_zero():
+    made = _drills(0.0)
+    made = replace(made, sensor=replace(made.sensor, zeroed="trial"))
+    offsets = np.random.default_rng(1).normal(0.0, 30.0, len(made.trials))
+    pairs = zip(made.trials, offsets, strict=True)
+    off = replace(made, trials=tuple(replace(each, force_n=each.force_n + by) for each, by in pairs))
+    for true, found in zip(as_levels(made).trials, as_levels(off).trials, strict=True):
+        np.testing.assert_allclose(found.force_n.mean(axis=0), true.force_n.mean(axis=0), atol=1.0)
+    # a sensor at its zero is left there, whatever its noise reads
+    once = replace(made, sensor=replace(made.sensor, zeroed="session"))
+    for true, found in zip(as_levels(once).trials, as_levels(made).trials, strict=True):
+        np.testing.assert_array_equal(found.force_n, true.force_n)
+
+
 def test_what_wear_does_within_a_hole_counts_in_the_error():
     def wearing(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
         more = 60.0 * (trial.cut_length_before_m + position - 0.5 * position[-1])

@@ -1,0 +1,138 @@
+"""Entry into a sheet that begins at one place, seen where records have too much air for a model of the whole.
+
+Records that hold more air than cut tell a steady model nothing, and no effect is found beside such a one.
+Traced where the tool is in the cut (`along/engaged`), they may still all show the sheet to begin at one
+place, met by the rim or by the axis: then entry is as repeatable as any effect, and the force missing along
+the ramps is held against the geometry. Where each record has a place of its own (sheets clamped anew, a
+recorder started by hand), that is how it was recorded and no effect. Where the tool leaves is taken as each
+record has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import effect_class
+from mjx_cutting.tracing.along.ends import NAME, effect_at, like_geometry
+from mjx_cutting.tracing.along.engaged import LEAST_TURNS, Engaged, turns_in
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.naming.decision import Interval, interval
+from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.part import part_of
+from mjx_cutting.tracing.whole_records import Outside, held_against, left_of, outside_the_cut
+from mjx_cutting.trials.dataset import Dataset, LeftOut
+
+_BEFORE, _BEHIND = 1.5, 0.3
+_STEPS = 25
+_CLOSER = (1.0, 0.1, 0.01)
+_FEWEST = 3
+_RAMP_LEFT = 0.05
+_AT_ONE_PLACE = 0.1
+Array = NDArray[np.floating]
+
+
+def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Dataset], Pass]) -> Pass:
+    """The pass `inside` the cut, with entry named where the whole records have it at one place.
+
+    Arguments:
+        whole: what was found on the whole records; `inside` on the trials cut down, `part`.
+        one_pass: traces trials; called where some of those begin while the tool is still finding the sheet.
+    """
+    weight = np.asarray(inside.search.problem.weight)
+    outside = outside_the_cut(part.whole, inside)
+    files = [trial.file for trial in inside.dataset.trials if trial.kind == "cut"]
+    touched = [part.touched_m.get(file, (-np.inf, np.inf)) for file in files]
+    ends = np.array([_ends(each, *own, weight) for each, own in zip(outside, touched, strict=True)])
+    reach = np.array([each.reach_m for each in outside])
+    found = _one_place(ends[:, 0], reach)
+    if found is None:
+        return inside
+    start, by_axis = found
+    ends[:, 0] = start.value - by_axis * reach
+    full_m = dict(zip(files, (ends[:, 0] + reach).tolist(), strict=True))
+    full = _fully_in(inside.dataset, full_m, _RAMP_LEFT * float(reach.min()))
+    if full is not None:
+        return entered(whole, one_pass(full), part, one_pass)
+    missing = [each.missing(np.append(own, 0.0)) for each, own in zip(outside, ends, strict=True)]
+    told = held_against(missing, outside, inside.final, weight)
+    effect = effect_at(np.array([start.value, np.inf, by_axis]), np.array([told.share]))
+    if not like_geometry(effect):
+        return inside
+    parameters = {"share": interval(effect_class(NAME), "share", told.share, told.by_fold), "start_m": start}
+    for name in ("length_m", "by_axis"):
+        value = float(effect.values()[name])
+        parameters[name] = Interval(value, value, value, effect_class(NAME).parameters[name].unit)
+    tried = max((len(each.candidates) for each in whole.slow), default=1)
+    named = told.round(effect, parameters, inside.after, tried + 1)
+    if named.accepted is None:
+        return inside
+    meets = "axis meets" if by_axis else "rim meets"
+    sentence = (
+        "everything else was traced where the tool is fully in the sheet, which its "
+        f"{meets} {1e3 * start.value:.2f} mm along the path in every trial"
+    )
+    entry = replace(inside.with_round(named, (sentence,)), noise_over=told.noise_over(inside))
+    place = [trial.file for trial in whole.dataset.trials if trial.kind == "cut"]
+    old = whole.search.base.error_n2[[place.index(file) for file in files]]
+    base = HeldOut(old, named.before.energy_n2, None, inside.search.base.fold)
+    return replace(entry, search=replace(entry.search, base=base))
+
+
+def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> Dataset | None:
+    """The trials from where along the path, by file, the tool is fully in the sheet; None where all but begin
+    there, or too few would be left."""
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    late_m = [from_m[trial.file] - along_path(trial)[0] for trial in cuts]
+    if max(late_m) <= allowed_m:
+        return None
+    trials, left_out = [], []
+    for trial in dataset.trials:
+        if trial.kind == "cut":
+            place = along_path(trial)
+            part = slice(int(np.searchsorted(place, from_m[trial.file])), len(place))
+            turns = turns_in(trial, part)
+            if turns < LEAST_TURNS:
+                why = f"got {turns:.0f} turns of the spindle with the tool fully in the sheet, expected "
+                why += f"{LEAST_TURNS:g} or more; cut further before the record ends."
+                left_out.append(LeftOut(trial.file, why))
+                continue
+            trial = part_of(trial, place, part)
+        trials.append(trial)
+    if sum(trial.kind == "cut" for trial in trials) < _FEWEST:
+        return None
+    return replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *left_out))
+
+
+def _ends(record: Outside, first_m: float, last_m: float, weight: Array) -> tuple[float, float]:
+    """Where the rim meets the sheet's begin and end in one record, m, near where its force does; infinite at
+    an end that the record does not reach."""
+    found = np.array([first_m, last_m, 0.0])
+    for closer in _CLOSER:
+        low, high = (-_BEFORE, _BEHIND) if closer == 1.0 else (-1.0, 1.0)
+        for side in (0, 1):
+            if np.isfinite(found[side]):
+                tried = np.tile(found, (_STEPS, 1))
+                tried[:, side] += closer * record.reach_m * np.linspace(low, high, _STEPS)
+                found = min(tried, key=lambda own: left_of([record], own, weight))
+    return float(found[0]), float(found[1])
+
+
+def _one_place(rim_m: Array, reach_m: Array) -> tuple[Interval, float] | None:
+    """Where all records that show it have the sheet begin, m, and whether the axis meets it there, 1, or the
+    rim, 0; None where they differ, or too few show it."""
+    shown = np.isfinite(rim_m)
+    if shown.sum() < _FEWEST:
+        return None
+    found = []
+    for by_axis in (0.0, 1.0):
+        places = (rim_m + by_axis * reach_m)[shown]
+        found.append((float(np.ptp(places)), by_axis, places))
+    apart, by_axis, places = min(found, key=lambda each: each[:2])
+    if apart > _AT_ONE_PLACE * float(reach_m[shown].min()):
+        return None
+    return Interval(float(np.median(places)), float(places.min()), float(places.max()), "m"), by_axis

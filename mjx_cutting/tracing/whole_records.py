@@ -1,0 +1,159 @@
+"""Whole records beside a model that was traced on the part of them in which the tool is fully in the sheet.
+
+What the geometry of entry and exit says is missing elsewhere is held against the force measured there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.along.ends import Ramps
+from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.moving import wave
+from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.naming.decision import Interval, chance_over_trials, decide
+from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.records.course import Course, felt_at
+from mjx_cutting.tracing.records.line_gain import filter_delay_s
+from mjx_cutting.tracing.records.lines import band_limit
+from mjx_cutting.tracing.records.spindle import spindle_angle
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Outside:
+    """A whole record as predicted fully engaged, to be judged where the tool was not fully in the sheet.
+
+    Fields: `course`, its `left_n` nil elsewhere and the measured force in place of the edge's; `ramps` under
+    the model fitted without this trial; `where` [T] it is judged.
+    """
+
+    course: Course
+    ramps: Ramps
+    where: NDArray[np.bool_]
+
+    @property
+    def reach_m(self) -> float:
+        """Way from the first touch until the tool is fully engaged, m."""
+        return float(self.ramps.reach_m[self.course.index])
+
+    def missing(self, ends: Array) -> Array:
+        """[T, 3] what the force lacks there for a sheet with these ends, N."""
+        return self.ramps.missing(self.course, *(float(each) for each in ends)) * self.where[:, None]
+
+
+def outside_the_cut(dataset: Dataset, inside: Pass) -> list[Outside]:
+    """Every whole record of which a part was traced inside the sheet."""
+    fits, fold, lines = inside.search.final.fits, inside.search.final.fold, inside.lines
+    assert fits is not None
+    models = [jax.tree.map(lambda leaf, f=f: leaf[f], fits.model) for f in range(int(fold.max()) + 1)]
+    ramps = [Ramps(lines, inside.search.problem, model) for model in models]
+    rate = dataset.sensor.sample_rate_hz
+    found = []
+    cuts = {trial.file: trial for trial in _cuts(dataset)}
+    pairs = [
+        (cuts[cut.file], cut, told) for cut, told in zip(_cuts(inside.dataset), inside.after, strict=True)
+    ]
+    for index, (trial, cut, told) in enumerate(pairs):
+        turned = spindle_angle(trial, told.speed_rev_s)
+        first = int(np.searchsorted(trial.time_s, cut.time_s[0]))
+        angle = turned + told.angle_rad[0] - turned[first]
+        steady = wave(lines, index, angle, ramps[fold[index]].whole(index), rate)
+        measured = band_limit(trial.force_n, rate, lines.band_hz)
+        left = measured - told.bias_n - steady
+        where = np.ones(len(left), bool)
+        where[first : first + len(cut.time_s)] = False
+        course = Course(
+            time_s=trial.time_s - trial.time_s[0],
+            position_m=felt_at(trial, filter_delay_s(dataset.sensor)),
+            feed_share=None,
+            chip_n=np.zeros_like(measured),
+            edge_n=measured,
+            left_n=left * where[:, None],
+            rate_hz=rate,
+            band_hz=lines.band_hz,
+            index=index,
+            angle_rad=angle,
+        )
+        found.append(Outside(course, ramps[fold[index]], where))
+    return found
+
+
+def left_of(outside: Sequence[Outside], ends: Array, weight: Array) -> float:
+    """Weighted squared error that is left there for a sheet with these ends."""
+    return sum(float(np.sum(((o.course.left_n - o.missing(ends)) * weight) ** 2)) for o in outside)
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the ends of the sheet tell of whole records.
+
+    Fields: error on held-out trials `before` and `after`; the `share` of the geometry that the trials show,
+    and `by_fold` [F] that of all others; `samples` of the records.
+    """
+
+    before: HeldOut
+    after: HeldOut
+    share: float
+    by_fold: Array
+    samples: int
+
+    def noise_over(self, inside: Pass) -> float:
+        """Share of noise in whole records over that in the parts of them that were traced."""
+        lines = inside.lines
+        whole = self.before.energy_n2.sum() / self.samples
+        return float(np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / whole))
+
+    def round(
+        self,
+        effect: AbstractEffect,
+        parameters: dict[str, Interval],
+        predicted: Sequence[Prediction],
+        tries: int,
+    ) -> SlowRound:
+        """The effect as decided on whole records, as a round of its own among `tries` effects."""
+        kind = type(effect)
+        p = chance_over_trials(self.before, self.after, tries)
+        decision = decide(kind, self.before, self.after, p, parameters)
+        silent = tuple(np.zeros_like(each.measured_n) for each in predicted)
+        candidate = SlowCandidate(kind, effect, self.after, decision, silent)
+        return SlowRound(self.before, (candidate,), candidate if decision.accepted else None)
+
+
+def held_against(columns: Sequence[Array], outside: Sequence[Outside], final: HeldOut, weight: Array) -> Told:
+    """The share of what is missing, `columns` [T, 3] by trial, N, that whole records show.
+
+    Each held-out trial is judged by that of the others.
+
+    Arguments:
+        final: error on held-out trials where the tool is fully in the sheet.
+        weight: [3] 1 / standard deviation of each axis.
+    """
+    courses = [each.course for each in outside]
+    product = np.array(
+        [np.sum(x * each.left_n * weight**2) for x, each in zip(columns, courses, strict=True)]
+    )
+    square = np.array([np.sum(x * x * weight**2) for x in columns])
+    others = [final.fold != f for f in range(int(final.fold.max()) + 1)]
+    by_fold = np.array([product[rest].sum() / max(square[rest].sum(), 1e-300) for rest in others])
+    share = float(product.sum() / max(square.sum(), 1e-300))
+    energy = np.stack([np.sum((each.chip_n + each.edge_n) ** 2, axis=0) for each in courses])
+    bare = np.stack([np.sum(each.left_n**2, axis=0) for each in courses])
+    rows = zip(courses, columns, by_fold[final.fold], strict=True)
+    told = np.stack([np.sum((each.left_n - own * x) ** 2, axis=0) for each, x, own in rows])
+    before = HeldOut(final.error_n2 + bare, energy, None, final.fold)
+    after = HeldOut(final.error_n2 + told, energy, None, final.fold)
+    return Told(before, after, share, by_fold, sum(len(each.time_s) for each in courses))
+
+
+def _cuts(dataset: Dataset) -> list[Trial]:
+    return [trial for trial in dataset.trials if trial.kind == "cut"]

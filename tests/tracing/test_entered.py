@@ -1,0 +1,54 @@
+"""Records with more air than cut: entry is named where the sheet begins at one place, and told where not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.study import make
+from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.entered import _one_place
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.trials.dataset import Dataset
+
+
+def _after_long_air(dataset: Dataset, located: bool) -> Dataset:
+    """The trials with seconds of air before each, of a length of its own; with positions along the path or
+    without any."""
+    generator, trials = np.random.default_rng(8), []
+    rate, noise = dataset.sensor.sample_rate_hz, np.asarray(dataset.sensor.noise_std_n)
+    for index, trial in enumerate(dataset.trials):
+        before = round((0.5 + 0.1 * (index % 4)) * len(trial.time_s)) if trial.kind == "cut" else 0
+        force = np.concatenate([generator.normal(size=(before, 3)) * noise, trial.force_n])
+        time = np.arange(len(force)) / rate
+        travel = along_path(trial)[0] + trial.feed_speed_m_s * (time - before / rate)
+        position = travel[:, None] * np.array([1.0, 0.0, 0.0]) if located else None
+        trials.append(replace(trial, time_s=time, force_n=force, position_m=position, spindle_angle_rad=None))
+    return replace(dataset, trials=tuple(trials))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("located", [True, False])
+def test_entry_behind_long_air(located):
+    case = make("mill", {"entry_exit": "medium"}, 45)
+    found = trace(_after_long_air(case.dataset, located), effects=("radial_runout", "entry_exit")).verdict
+    if not located:
+        assert found["effects"] == [] and "enters or leaves the sheet" in found["remaining"]["description"]
+        return
+    (effect,) = found["effects"]
+    assert effect["name"] == "entry_exit"
+    truth = case.truth["effects"]["entry_exit"]["start_m"]
+    assert effect["parameters"]["start_m"]["value"] == pytest.approx(truth, abs=1.5e-4)
+    assert effect["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.02)
+    assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
+
+
+def test_one_place_is_the_rims_or_the_axis():
+    reach = np.array([8e-3, 8e-3, 12e-3, 12e-3])
+    for by_axis in (0.0, 1.0):
+        place, met = _one_place(5e-3 - by_axis * reach, reach)
+        assert met == by_axis and place.value == pytest.approx(5e-3)
+    assert _one_place(np.array([0.0, 2e-3, 4e-3, 1e-3]), reach) is None
+    assert _one_place(np.array([5e-3, 5e-3, -np.inf, -np.inf]), reach) is None
