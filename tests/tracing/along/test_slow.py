@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from mjx_cutting.tracing.along.slow import _reach_of_the_model, search_slow
+from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.surety import reach_of_the_model
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.records.course import Course, along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
@@ -168,7 +169,7 @@ def test_a_model_may_be_wrong_at_the_mains_only_where_its_own_force_has_a_line_t
     wave = np.cos(2 * np.pi * np.outer(time, lines_hz)).sum(axis=1)[:, None] * np.array([1.0, -2.0, 0.5])
     course = Course(time, 0.01 * time, None, wave, zero, zero, RATE_HZ, (0.0, 200.0))
     (mains,) = (each for each in KINDS if each.name == "mains_pickup")
-    found = _reach_of_the_model(mains, [course], np.array([50.0]))
+    found = reach_of_the_model(mains, [course], np.array([50.0]))
     assert found == pytest.approx(reach, abs=0.02)
 
 
@@ -250,10 +251,11 @@ def test_layers_beside_each_other_are_all_found():
 
     named, _ = _named(gain)
     layers = [each.effect.values() for each in named]
-    assert [each.kind.name for each in named] == ["layered_material"] * len(named) and len(named) >= 2
+    assert [each.kind.name for each in named] == ["layered_material"] * 2
     found = sorted(
-        (float(each["start_m"]), float(each["length_m"]), float(each["change"])) for each in layers[:2]
+        (float(each["start_m"]), float(each["length_m"]), float(each["change"])) for each in layers
     )
     np.testing.assert_allclose(found[0][:2], [0.012, 0.008], atol=3e-4)
     np.testing.assert_allclose(found[1][0], 0.02, atol=3e-4)
-    assert found[0][2] < -0.2 and found[1][2] > 0.15
+    # fitted at once, they share out what each trial's own mean has taken of them
+    assert found[0][2] < -0.15 and found[0][2] / found[1][2] == pytest.approx(-0.3 / 0.25, rel=0.03)
