@@ -67,3 +67,17 @@ def saw():
         return make_trials(SAW, SAW_SHEET, SAW_CUTS, sensor, hidden=hidden, duration_s=4.0, seed=seed)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def names_the_edge():
+    """Checks that a verdict names entry alone, where the sheet truly begins and as the geometry has it."""
+
+    def check(verdict: dict, start_m: float) -> None:
+        (effect,) = verdict["effects"]
+        assert effect["name"] == "entry_exit"
+        assert effect["parameters"]["start_m"]["value"] == pytest.approx(start_m, abs=1.5e-4)
+        assert effect["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.02)
+        assert verdict["after"]["heldout_nrmse"] < 0.1 * verdict["before"]["heldout_nrmse"]
+
+    return check

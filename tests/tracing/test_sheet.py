@@ -60,17 +60,12 @@ def test_a_bias_is_read_where_the_tool_is_not_yet_in_the_sheet(mill):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("design", ["mill", "saw"])
-def test_the_edge_of_the_sheet_is_named_with_its_place(design):
+def test_the_edge_of_the_sheet_is_named_with_its_place(design, names_the_edge):
     """Traced inside, what is left is the floor; the whole records then show the geometry, share one."""
     case = make(design, {"entry_exit": "medium"}, 46 if design == "saw" else 45)
     names = ["radial_runout", "entry_exit", "layered_material"]
     found = trace(case.dataset, effects=names).verdict
-    (effect,) = found["effects"]
-    assert effect["name"] == "entry_exit"
-    truth = case.truth["effects"]["entry_exit"]["start_m"]
-    assert effect["parameters"]["start_m"]["value"] == pytest.approx(truth, abs=1.5e-4)
-    assert effect["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.02)
-    assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
+    names_the_edge(found, case.truth["effects"]["entry_exit"]["start_m"])
 
 
 @pytest.mark.parametrize(("share", "named"), [(1.0, True), (0.5, True), (0.08, False)])
