@@ -70,7 +70,9 @@ def _at_zero(trials: list[Trial]) -> list[Trial]:
     if not read:
         return trials
     mean, error = (np.stack(each) for each in zip(*read, strict=True))
-    if np.mean((mean[:, error.any(axis=0)] / error[:, error.any(axis=0)]) ** 2) < 1.0:
+    measured = mean.any(axis=0)
+    off = (mean / np.maximum(error, 1e-9 * np.abs(mean).max()))[:, measured]
+    if not measured.any() or np.mean(off**2) < 1.0:
         return trials
     return [
         trial if air is None else replace(trial, force_n=trial.force_n - air.mean(axis=0))
