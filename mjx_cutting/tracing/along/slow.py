@@ -132,7 +132,7 @@ def search_slow(
         open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
     for kind in kinds:
         if len(_found(rounds, kind)) > 1:
-            rounds = _fitted_together(rounds, kind, trials, before, test)
+            rounds = _fitted_together(rounds, kind, trials, before, weight)
     return tuple(rounds)
 
 
@@ -185,41 +185,42 @@ def _stack(
 
 
 def _fitted_together(
-    rounds: Sequence[SlowRound], kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test
+    rounds: Sequence[SlowRound], kind: Kind, trials: Sequence[Course], before: HeldOut, weight: Array
 ) -> list[SlowRound]:
     """The rounds with the strengths of all that was accepted of a kind fitted at once, to what `trials` leave
     when all that was found is taken out."""
-    places = [
-        place
-        for place, each in enumerate(rounds)
-        if each.accepted is not None and each.accepted.kind is kind.effect
+    accepted = [
+        each.accepted for each in rounds if each.accepted is not None and each.accepted.kind is kind.effect
     ]
-    accepted = [each for place in places if (each := rounds[place].accepted) is not None]
-    for each in accepted:
-        added = tuple(-one for one in each.added_n)
-        trials = _without(trials, replace(each, added_n=added))
+    trials = [
+        replace(course, left_n=course.left_n + sum(added))
+        for course, *added in zip(trials, *(each.added_n for each in accepted), strict=True)
+    ]
     found = together(kind, trials, [each.shape for each in accepted])
     uses = [(before.fold != fold).astype(float) for fold in range(int(before.fold.max()) + 1)]
-    _, whole, _ = solve(found, np.ones(len(trials)), test.weight)
-    by_fold = [solve(found, use, test.weight)[1] for use in uses]
-    new = list(rounds)
-    for i, (place, each) in enumerate(zip(places, accepted, strict=True)):
+    _, whole, _ = solve(found, np.ones(len(trials)), weight)
+    by_fold = [solve(found, use, weight)[1] for use in uses]
+    strength, settled = kind.effect.strength, {}
+    for i, each in enumerate(accepted):
         effect = kind.build(each.shape, whole[i : i + 1])
-        columns = [kind.columns(course, each.shape) * whole[i] for course in trials]
         values = [as_values(kind.build(each.shape, c[i : i + 1])) for c in by_fold]
-        strength = kind.effect.strength
-        told = intervals(kind, effect, values, each.unsure)[strength]
-        parameters = each.decision.parameters | {strength: told}
-        settled = replace(
+        told = {strength: intervals(kind, effect, values, each.unsure)[strength]}
+        columns = [kind.columns(course, each.shape) * whole[i] for course in trials]
+        settled[id(each)] = replace(
             each,
             effect=effect,
-            decision=replace(each.decision, parameters=parameters),
+            decision=replace(each.decision, parameters=each.decision.parameters | told),
             added_n=tuple(c.own(one)[..., 0] for c, one in zip(trials, columns, strict=True)),
             whole_n=tuple(one[..., 0] for one in columns),
         )
-        others = tuple(settled if other is each else other for other in rounds[place].candidates)
-        new[place] = SlowRound(rounds[place].before, others, settled)
-    return new
+    return [
+        replace(
+            each,
+            candidates=tuple(settled.get(id(one), one) for one in each.candidates),
+            accepted=settled.get(id(each.accepted), each.accepted),
+        )
+        for each in rounds
+    ]
 
 
 def _explained(before: HeldOut, after: HeldOut, weight: Array) -> float:
