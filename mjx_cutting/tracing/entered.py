@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, effect_at, like_geometry
-from mjx_cutting.tracing.along.engaged import LEAST_TURNS, Engaged, turns_in
-from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.along.engaged import LEAST_TURNS, Engaged, hardly_cut, turns_in
 from mjx_cutting.tracing.naming.decision import Interval, interval
 from mjx_cutting.tracing.once import Pass
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.part import part_of
-from mjx_cutting.tracing.whole_records import Outside, held_against, left_of, outside_the_cut
-from mjx_cutting.trials.dataset import Dataset, LeftOut
+from mjx_cutting.tracing.whole_records import Outside, held_against, left_of, met, outside_the_cut, with_ends
+from mjx_cutting.trials.dataset import Dataset
 
 _BEFORE, _BEHIND = 1.5, 0.3
 _STEPS = 25
@@ -71,16 +70,11 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
     named = told.round(effect, parameters, inside.after, tried + 1)
     if named.accepted is None:
         return inside
-    meets = "axis meets" if by_axis else "rim meets"
-    sentence = (
-        "everything else was traced where the tool is fully in the sheet, which its "
-        f"{meets} {1e3 * start.value:.2f} mm along the path in every trial"
-    )
-    entry = replace(inside.with_round(named, (sentence,)), noise_over=told.noise_over(inside))
+    sentence = "everything else was traced where the tool is fully in the sheet, which "
+    sentence += f"{met(start.value, by_axis)} in every trial"
     place = [trial.file for trial in whole.dataset.trials if trial.kind == "cut"]
-    old = whole.search.base.error_n2[[place.index(file) for file in files]]
-    base = HeldOut(old, named.before.energy_n2, None, inside.search.base.fold)
-    return replace(entry, search=replace(entry.search, base=base))
+    base_n2 = whole.search.base.error_n2[[place.index(file) for file in files]]
+    return with_ends(inside, named, told, sentence, base_n2)
 
 
 def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> Dataset | None:
@@ -97,9 +91,7 @@ def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> D
             part = slice(int(np.searchsorted(place, from_m[trial.file])), len(place))
             turns = turns_in(trial, part)
             if turns < LEAST_TURNS:
-                why = f"got {turns:.0f} turns of the spindle with the tool fully in the sheet, expected "
-                why += f"{LEAST_TURNS:g} or more; cut further before the record ends."
-                left_out.append(LeftOut(trial.file, why))
+                left_out.append(hardly_cut(trial.file, turns))
                 continue
             trial = part_of(trial, place, part)
         trials.append(trial)

@@ -18,14 +18,13 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry, met_by
 from mjx_cutting.tracing.along.engaged import touches_m
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
-from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.decision import interval
 from mjx_cutting.tracing.once import Pass
 from mjx_cutting.tracing.records.course import along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.part import part_of
-from mjx_cutting.tracing.whole_records import held_against, left_of, outside_the_cut
+from mjx_cutting.tracing.whole_records import Told, held_against, left_of, met, outside_the_cut, with_ends
 from mjx_cutting.trials.dataset import Dataset, LeftOut
 
 _LEAST_TURNS = 10
@@ -80,21 +79,16 @@ def _traced_inside(
         return None
     inside = one_pass(rest)
     tried = next(len(each.candidates) for each in found.slow if first in each.candidates)
-    whole, noise_over = _judged_whole(dataset, inside, first, ends, tried)
+    whole, told = _judged_whole(dataset, inside, first, ends, tried)
     if whole.accepted is None:
         return None
     start, end, by_axis = _places(whole.accepted)
     sentence = "everything else was traced where the tool is fully in the sheet"
     if np.isfinite(start):
-        meets = "axis meets" if by_axis else "rim meets"
-        sentence += f", which its {meets} {1e3 * start:.2f} mm along the path; the way in takes up to "
-        sentence += f"{1e3 * reach.max():.1f} mm"
+        sentence += f", which {met(start, by_axis)}; the way in takes up to {1e3 * reach.max():.1f} mm"
     if np.isfinite(end):
         sentence += f"; the sheet ends at {1e3 * end:.2f} mm"
-    inside = replace(inside.with_round(whole, (sentence,)), noise_over=noise_over)
-    old = found.search.base
-    base = HeldOut(old.error_n2[kept], whole.before.energy_n2, None, inside.search.base.fold)
-    return replace(inside, search=replace(inside.search, base=base))
+    return with_ends(inside, whole, told, sentence, found.search.base.error_n2[kept])
 
 
 def _at_one_place(dataset: Dataset, start_m: float | Array, reach_m: Array) -> bool:
@@ -184,8 +178,8 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
 
 def _judged_whole(
     dataset: Dataset, inside: Pass, first: SlowCandidate, ends: Ends, tries: int
-) -> tuple[SlowRound, float]:
-    """Entry and exit on the whole records, beside a model traced inside the sheet; and `Pass.noise_over`.
+) -> tuple[SlowRound, Told]:
+    """Entry and exit on the whole records, beside a model traced inside the sheet.
 
     Arguments:
         dataset: the whole trials.
@@ -210,7 +204,7 @@ def _judged_whole(
         )
     met = first.decision.parameters["by_axis"]
     parameters["by_axis"] = replace(met, value=ends[2], low=ends[2], high=ends[2])
-    return told.round(effect, parameters, inside.after, tries), told.noise_over(inside)
+    return told.round(effect, parameters, inside.after, tries), told
 
 
 def _around(shape: Array, step: float) -> list[Array]:

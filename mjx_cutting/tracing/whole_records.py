@@ -6,7 +6,7 @@ What the geometry of entry and exit says is missing elsewhere is held against th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -153,6 +153,21 @@ def held_against(columns: Sequence[Array], outside: Sequence[Outside], final: He
     before = HeldOut(final.error_n2 + bare, energy, None, final.fold)
     after = HeldOut(final.error_n2 + told, energy, None, final.fold)
     return Told(before, after, share, by_fold, sum(len(each.time_s) for each in courses))
+
+
+def with_ends(inside: Pass, named: SlowRound, told: Told, sentence: str, base_n2: Array) -> Pass:
+    """The pass with the ends of the sheet as accepted on whole records, of which all its errors then are.
+
+    Arguments: `sentence` of evidence; `base_n2` [R, 3] squared error of the base model on whole records.
+    """
+    found = replace(inside.with_round(named, (sentence,)), noise_over=told.noise_over(inside))
+    base = HeldOut(base_n2, named.before.energy_n2, None, inside.search.base.fold)
+    return replace(found, search=replace(found.search, base=base))
+
+
+def met(start_m: float, by_axis: float) -> str:
+    """Where a tool meets its sheet, in words that follow its name."""
+    return f"its {'axis' if by_axis else 'rim'} meets {1e3 * start_m:.2f} mm along the path"
 
 
 def _cuts(dataset: Dataset) -> list[Trial]:

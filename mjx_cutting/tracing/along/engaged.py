@@ -58,14 +58,7 @@ def engaged(dataset: Dataset) -> Engaged | None:
     short = {file for file, many in turns.items() if many < LEAST_TURNS}
     if not stays or len(cuts) - len(short) < 2:
         return None
-    left_out = tuple(
-        LeftOut(
-            file,
-            f"got {max(turns[file], 0.0):.0f} turns of the spindle with the tool fully in the cut, expected "
-            f"{LEAST_TURNS:g} or more; cut further before the record ends.",
-        )
-        for file in sorted(short)
-    )
+    left_out = tuple(hardly_cut(file, turns[file]) for file in sorted(short))
     sensor = dataset.sensor
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
     zeroed = shown and sensor.zeroed == "trial"
@@ -75,15 +68,11 @@ def engaged(dataset: Dataset) -> Engaged | None:
             continue
         if zeroed and trial.kind == "air":
             trial = replace(trial, force_n=trial.force_n - trial.force_n.mean(axis=0))
-        if trial.file in stays:
-            stay = stays[trial.file]
-            if zeroed:
-                trial = replace(trial, force_n=trial.force_n - trial.force_n[: stay.air].mean(axis=0))
-            whole.append(trial)
-            trial = part_of(trial, along_path(trial), stay.part)
-        else:
-            whole.append(trial)
-        trials.append(trial)
+        if zeroed and trial.file in stays:
+            air = trial.force_n[: stays[trial.file].air]
+            trial = replace(trial, force_n=trial.force_n - air.mean(axis=0))
+        whole.append(trial)
+        trials.append(_part(trial, stays[trial.file].part) if trial.file in stays else trial)
     spans = {t.file: (float(t.time_s[0]), float(t.time_s[-1])) for t in trials if t.file in stays}
     if zeroed:
         # so all share a bias, of which the air says that it is none
@@ -98,9 +87,13 @@ def engaged(dataset: Dataset) -> Engaged | None:
     )
 
 
+def _part(trial: Trial, part: slice) -> Trial:
+    return part_of(trial, along_path(trial), part)
+
+
 def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
     """What a record shows before the cut, less its mean, as a cut in air."""
-    air = part_of(trial, along_path(trial), slice(0, stays[trial.file].air))
+    air = _part(trial, slice(0, stays[trial.file].air))
     force_n = air.force_n - air.force_n.mean(axis=0)
     return replace(air, kind="air", file=f"{trial.file}, before the cut", force_n=force_n)
 
@@ -170,6 +163,15 @@ def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
         float(place[touching[-1]]) if after >= least else np.inf,
     )
     return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0, touched)
+
+
+def hardly_cut(file: str, turns: float) -> LeftOut:
+    """A trial left out because its tool is fully in the cut for too few turns."""
+    return LeftOut(
+        file,
+        f"got {max(turns, 0.0):.0f} turns of the spindle with the tool fully in the cut, expected "
+        f"{LEAST_TURNS:g} or more; cut further before the record ends.",
+    )
 
 
 def turns_in(trial: Trial, part: slice) -> float:
