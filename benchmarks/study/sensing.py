@@ -27,16 +27,21 @@ def structure(force: Array, time: Array, position: Array, angle: Array, speed_re
         made[:, 0] -= effects["side_friction"]["drag_pa"] * area_m2
     if "robot_mode" in effects:
         p = effects["robot_mode"]
-        way = np.array([np.cos(p["direction_rad"]), np.sin(p["direction_rad"])])
-        w = 2.0 * np.pi * p["frequency_hz"]
-        inertia = ([-p["mass_ratio"], 0.0, 0.0], [1.0, 2.0 * p["damping"] * w, w * w])
-        felt = signal.lfilter(*_digital(*inertia, w, rate), made[:, :2] @ way)
-        made[:, :2] += felt[:, None] * way
+        for mode in (p, *p.get("others", ())):
+            made[:, :2] += _arm(made[:, :2], rate, mode)
     if "clamp_mode" in effects:
         made[:, 1] += _sheet(made[:, 1], position, rate, effects["clamp_mode"])
     if "hysteresis" in effects:
         made[:, 0] -= _drive(time, position, effects["hysteresis"])
     return made
+
+
+def _arm(force: Array, rate: float, p: Params) -> Array:
+    """Inertia felt of one mode of the arm, [T, 2]."""
+    way = np.array([np.cos(p["direction_rad"]), np.sin(p["direction_rad"])])
+    w = 2.0 * np.pi * p["frequency_hz"]
+    inertia = ([-p["mass_ratio"], 0.0, 0.0], [1.0, 2.0 * p["damping"] * w, w * w])
+    return signal.lfilter(*_digital(*inertia, w, rate), force @ way)[:, None] * way
 
 
 def _digital(top: list[float], bottom: list[float], exact_rad_s: float, rate: float) -> tuple[Array, Array]:

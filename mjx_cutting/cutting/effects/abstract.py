@@ -108,6 +108,7 @@ class AbstractEffect(eqx.Module):
         damps: True where all that the effect does is to take energy from the lines, most from the highest.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
+        most: how many of the kind one tool may show at once, each with parameters of its own.
         physical: False for a term that fits without saying why; tracing never names it.
         signature: one sentence, what it leaves in a residual.
         confused_with: other effects and what separates them from this one.
@@ -127,6 +128,7 @@ class AbstractEffect(eqx.Module):
     alike: ClassVar[bool] = False
     damps: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
+    most: ClassVar[int] = 1
     physical: ClassVar[bool] = True
     signature: ClassVar[str] = ""
     confused_with: ClassVar[dict[str, str]] = {}

@@ -6,7 +6,7 @@ M X'' + C X' + K X = F along one direction of the cutting plane; the wrist senso
 
 Signature: a fixed frequency, 7-250 Hz, damping 2-8 % (published for six-axis arms); dependent on pose;
 elliptical in x-y; rings at entry. Confused with a resonance of the sensor, which does not move with the pose.
-Linear, one mode: for more give the model several.
+Linear, one mode; an arm swings in more than one direction, so tracing looks for two.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ class RobotMode(AbstractEffect):
         "direction_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
     }
     sharp = ("frequency_hz",)
+    most = 2
     signature = "lines near a fixed frequency changed along one direction, by the pose; rings at entry"
     confused_with = {"sensor_resonance": "the sensor's does not move with the pose; a tap test shows it"}
 

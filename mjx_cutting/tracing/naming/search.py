@@ -71,8 +71,11 @@ def search(
     current, heldout = base, base_heldout
     rounds: list[Round] = []
     while len(effects) < MOST_EFFECTS and (not rounds or _worth_a_round(problem, lines, heldout)):
-        named = {kind.name for kind in effects}
-        open_ = [kind for kind in candidates if kind.name not in named and kind.size(problem.tool) > 0]
+        open_ = [
+            kind
+            for kind in candidates
+            if sum(kind.name == each.name for each in effects) < kind.most and kind.size(problem.tool) > 0
+        ]
         screened = screen(problem, effects, current.x, open_, progress)
         tried = []
         for each in shortlist(screened):

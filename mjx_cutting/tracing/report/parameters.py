@@ -65,11 +65,12 @@ def estimates(tracing: Tracing) -> list[Estimate]:
     search = tracing.search
     assert search.final.fits is not None
     by_fold, found = search.final.fits.model, []
-    for index, kind in enumerate(search.effects):
-        entry = tracing.verdict["effects"][index]
-        for name, said in entry["parameters"].items():
+    for index, (kind, intervals) in enumerate(zip(search.effects, search.intervals, strict=True)):
+        again = sum(each is kind for each in search.effects[:index])
+        label = kind.name.replace("_", " ") + (f" {again + 1}" if again else "")
+        for name, said in intervals.items():
             whole = kind.parameters[name]
-            if whole.identity is None and (said["low"], said["high"]) == (whole.low, whole.high):
+            if whole.identity is None and (said.low, said.high) == (whole.low, whole.high):
                 continue  # unknown
             values = np.asarray(getattr(by_fold.effects[index], name), dtype=float)
             if values.ndim > 1:
@@ -79,14 +80,14 @@ def estimates(tracing: Tracing) -> list[Estimate]:
                 values = values[:, tooth]
             found.append(
                 Estimate(
-                    label=f"{kind.name.replace('_', ' ')}: {name}",
+                    label=f"{label}: {name}",
                     meaning=_where(kind.parameters[name].per_tooth),
                     effect=kind.name,
-                    value=said["value"],
-                    low=said["value"] if said["low"] is None else said["low"],
-                    high=said["value"] if said["high"] is None else said["high"],
+                    value=said.value,
+                    low=said.low if np.isfinite(said.low) else said.value,
+                    high=said.high if np.isfinite(said.high) else said.value,
                     by_fold=values[np.isfinite(values)],
-                    unit=said["unit"],
+                    unit=said.unit,
                     strength=name == kind.strength,
                 )
             )

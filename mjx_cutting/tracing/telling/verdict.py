@@ -28,6 +28,7 @@ from mjx_cutting.trials.dataset import Dataset
 FORMAT = "mjx-cutting-verdict/1"
 AT_FLOOR = 1.1
 TIED = 2.0
+_THE_SAME = 0.6
 _TELLING = 5.0
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
@@ -59,13 +60,17 @@ def verdict(
     floor = noise_over * noise_floor(dataset, lines)
     least = reached(floor, found.problem.tolerance)
     accepted = [each for each in found.rounds if each.accepted is not None]
-    both = {each.accepted.kind for each in accepted if each.accepted is not None}
-    ties = (_tie(each, both, dataset, lines, found) for each in accepted)
+    kinds = [each.accepted.kind for each in accepted if each.accepted is not None]
+    # a second of one kind asks for no other cause than that which is there already
+    firsts = (each for place, each in enumerate(accepted) if kinds[place] not in kinds[:place])
+    ties = (_tie(each, kinds, dataset, lines, found) for each in firsts)
     ambiguous = [pair for pair in ties if pair is not None]
-    named = [_effect(each, own, evidence) for each, own in zip(accepted, found.intervals, strict=True)]
-    for each in slow:
-        if each.accepted:
-            _add(named, _effect(each, each.accepted.decision.parameters, evidence))
+    named: list[dict[str, Any]] = []
+    for each, own in zip(accepted, found.intervals, strict=True):
+        _add(named, _effect(each, own, evidence))
+    for one in slow:
+        if one.accepted:
+            _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     end = final(found, slow)
     left = [each for each in after if each.found and not _of_the_trial(each)]
     return {
@@ -208,8 +213,8 @@ def _effect(
 
 
 def _add(named: list[dict[str, Any]], found: dict[str, Any]) -> None:
-    """Add an effect to those named; of several layers or harmonics the strongest stands for all, and what it
-    is joined by is told as evidence."""
+    """Add an effect to those named; of several modes, layers or harmonics the first stands for all, and what
+    it is joined by is told as evidence."""
     first = next((each for each in named if each["name"] == found["name"]), None)
     if first is None:
         named.append(found)
@@ -219,7 +224,8 @@ def _add(named: list[dict[str, Any]], found: dict[str, Any]) -> None:
         (name, each.get("values", each["value"]), each["unit"]) for name, each in found["parameters"].items()
     )
     told = ", ".join(
-        f"{name} {np.array2string(np.asarray(value), precision=4)} {unit}" for name, value, unit in values
+        f"{name} {np.array2string(np.asarray(value), precision=4)} {'' if unit == '1' else unit}".rstrip()
+        for name, value, unit in values
     )
     first["evidence"] = [*first["evidence"], f"and another: {told}"]
 
@@ -236,8 +242,8 @@ def _parameter(found: Interval) -> dict[str, Any]:
 def _tie(
     each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
 ) -> dict[str, Any] | None:
-    """The accepted effect and another, not `named` itself, that is not worse beyond two standard errors and
-    passed every test, or all but that which would tell the two apart."""
+    """The accepted effect and another, not `named` itself, that explains the same part of the force not worse
+    beyond two standard errors and passed every test, or all but that which would tell the two apart."""
     assert each.accepted is not None
     best = each.accepted.heldout
     for other in each.candidates:
@@ -248,10 +254,12 @@ def _tie(
         if max(surely(gap), surely(gap / np.maximum(second + first, 1e-300))) <= TIED:
             first = np.ravel(best.error_n2 - each.before.error_n2)
             second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
-            cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300)
+            cosine = float(first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-300))
+            if cosine < _THE_SAME:
+                continue
             return {
                 "names": [each.accepted.kind.name, other.kind.name],
-                "cosine": float(cosine),
+                "cosine": cosine,
                 "separating_trial": _settles(each.accepted, other, dataset, lines, found.problem),
             }
     return None
