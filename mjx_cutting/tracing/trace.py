@@ -13,6 +13,7 @@ import numpy as np
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import effect_class
+from mjx_cutting.cutting.effects.material_periodicity import MaterialPeriodicity
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
@@ -210,7 +211,10 @@ def _with_vibration(found: Pass) -> Pass:
     weight = np.asarray(found.search.problem.weight)
     if found.dataset.tool.kind in LEVEL_KINDS:
         return found
-    shaken = find_vibration(found.dataset, found.lines, found.after, found.final, weight)
+    feed = {trial.file: trial.feed_speed_m_s for trial in found.dataset.trials}
+    waves = [each.effect for each in found.along if isinstance(each.effect, MaterialPeriodicity)]
+    waves_hz = np.array([[feed[each.file] / wave.wavelength_m for wave in waves] for each in found.after])
+    shaken = find_vibration(found.dataset, found.lines, found.after, found.final, weight, waves_hz)
     if shaken is None:
         return found
     return replace(found.with_round(shaken.round, shaken.evidence), model=found.model)

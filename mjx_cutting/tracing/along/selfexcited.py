@@ -11,8 +11,9 @@ nothing.
 Named when, in at least three trials, at least two lines of one pattern stand far above the noise, one of the
 strongest near one frequency in all of them, not the same to the resolution of the records although the
 speeds differ (a line of the mains stays put), further from tooth passing than a slow change of the force
-puts its sidebands, of three hundredths of the force or more (what ends its growth is that teeth leave the
-chip), and none of it in air; and when the error on the stretches not fitted falls by a tenth.
+puts its sidebands, and not where a known wave of the sheet puts them, of three hundredths of the force or
+more (what ends its growth is that teeth leave the chip), and none of it in air; and when the error on the
+stretches not fitted falls by a tenth.
 A flip lobe of a tool with an even number of teeth is hidden in the spindle's own orders and is not found
 here.
 """
@@ -48,6 +49,7 @@ _MOST_ALIKE = 0.6
 _LEAST_FALL = 0.1
 _LEAST_SHARE = 0.03
 _MOST_LINES = 16
+_SIDEBANDS_OF_A_WAVE = 3
 _SHIFTS = 13
 Array = NDArray[np.floating]
 
@@ -172,7 +174,12 @@ class SelfExcited:
 
 
 def find_vibration(
-    dataset: Dataset, lines: Lines, after: Sequence[Prediction], before: HeldOut, weight: Array
+    dataset: Dataset,
+    lines: Lines,
+    after: Sequence[Prediction],
+    before: HeldOut,
+    weight: Array,
+    waves_hz: Array | None = None,
 ) -> SelfExcited | None:
     """Self-excited vibration in what the final model leaves; None where too few trials show a pattern.
 
@@ -180,13 +187,15 @@ def find_vibration(
         after: predictions of the model with everything else in it.
         before: its error on held-out trials.
         weight: [3] 1 / standard deviation of each axis.
+        waves_hz: [R, W] frequency at which each trial passes the waves of the sheet that are in the model.
     """
+    waves_hz = np.zeros((len(after), 0)) if waves_hz is None else waves_hz
     teeth = dataset.tool.teeth
     each = [vibration(trial, trial.residual_n, lines, teeth, weight) for trial in after]
     shown = [
         i
-        for i, (v, trial) in enumerate(zip(each, after, strict=True))
-        if v.found and _large(v, trial) and _own(v, trial, teeth)
+        for i, (v, trial, waves) in enumerate(zip(each, after, waves_hz, strict=True))
+        if v.found and _large(v, trial) and _own(v, trial, teeth, waves)
     ]
     if len(shown) < _FEWEST:
         return None
@@ -247,12 +256,17 @@ def _large(found: Vibration, trial: Prediction) -> bool:
     return bool(np.sum(found.wave_n**2) > _LEAST_SHARE**2 * force)
 
 
-def _own(v: Vibration, trial: Prediction, teeth: int) -> bool:
-    """Whether the strongest line is neither tooth passing at a speed read wrongly nor a slow change of it."""
+def _own(v: Vibration, trial: Prediction, teeth: int, waves_hz: Array) -> bool:
+    """Whether the strongest line is neither tooth passing at a speed read wrongly, nor a slow change of it,
+    nor one of the sidebands that waves of the sheet put beside it (one that the spindle gives way to has
+    others than the model says)."""
     tooth_hz = teeth * trial.speed_rev_s
     whole = round(v.frequency_hz / tooth_hz)
+    away = abs(v.frequency_hz - whole * tooth_hz)
     slowest = effect_class(NAME).parameters["frequency_hz"].low
-    return bool(abs(v.frequency_hz - whole * tooth_hz) > max(slowest, SPREAD * whole * tooth_hz))
+    sidebands = np.multiply.outer(np.arange(1, _SIDEBANDS_OF_A_WAVE + 1), waves_hz)
+    beside_one = np.any(np.abs(sidebands - away) < _RESOLVED / trial.time_s[-1])
+    return bool(away > max(slowest, SPREAD * whole * tooth_hz) and not beside_one)
 
 
 def _reasons(

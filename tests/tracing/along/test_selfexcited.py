@@ -110,3 +110,17 @@ def test_lines_that_are_in_air_too_are_given_no_name():
     found = find_vibration(*_session(_chatter, air=[idle]))
     assert found is not None and found.round.accepted is None
     assert any("in air" in reason for reason in found.round.candidates[0].decision.reasons)
+
+
+def test_sidebands_of_a_known_wave_of_the_sheet_are_given_no_name():
+    feed_m_s, wave_m = np.array([0.08, 0.1, 0.12, 0.08, 0.1, 0.12]), 0.004
+
+    def beating(time, speed, trial):
+        turn, tooth, beat = 2 * np.pi * time, TEETH * speed, feed_m_s[trial] / wave_m
+        return np.cos(turn * (tooth + beat)) + np.cos(turn * (tooth - beat))
+
+    session = _session(beating)
+    assert find_vibration(*session).round.accepted is not None
+    assert find_vibration(*session, waves_hz=(feed_m_s / wave_m)[:, None]) is None
+    other = find_vibration(*_session(_chatter), waves_hz=(feed_m_s / wave_m)[:, None])
+    assert other is not None and other.round.accepted is not None
