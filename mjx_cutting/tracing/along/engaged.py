@@ -26,6 +26,7 @@ _LEVEL = 0.85
 _USUAL = 75.0
 _CLEAR = 1.1
 _AT_ONCE = 0.3
+_AT_ONCE_TURNS = 4
 _FEWEST_TURNS = 3.0
 LEAST_TURNS = 10.0
 _FEWEST_IN_AIR = 10
@@ -149,10 +150,12 @@ def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
     way_in = float(way_in_m(trial.radial_depth_m, tool.diameter_m)) / trial.feed_speed_m_s * rate_hz
 
     def within(touched: int, reached: int) -> int:
-        """Samples from the first touch until force and arc are full. Where the force is at its level long
-        before geometry would have it, the tool began in a pocket, its arc full at once."""
+        """Samples from the first touch until force and arc are full. Where the force is at its level within a
+        few turns, and long before geometry would have it, the tool began in a pocket, its arc full at once. A
+        sheet shorter than the way in has its highest force early too, but not within turns."""
         risen = abs(reached - touched)
-        ramp = round(_CLEAR * way_in) if risen > _AT_ONCE * way_in else 0
+        at_once = risen < min(_AT_ONCE * way_in, _AT_ONCE_TURNS * turn)
+        ramp = 0 if at_once else round(_CLEAR * way_in)
         return turn + max(risen, ramp)
 
     first = int(touching[0]) + within(touching[0], full[0]) if before >= least else 0

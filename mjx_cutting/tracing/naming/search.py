@@ -24,6 +24,7 @@ from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
 from mjx_cutting.tracing.naming.onset import with_onset
 from mjx_cutting.tracing.naming.run_in import with_run_in
+from mjx_cutting.tracing.naming.together import two_at_once
 from mjx_cutting.tracing.records.lines import Lines
 
 MOST_EFFECTS = 4
@@ -85,12 +86,16 @@ def search(
             tried.append(with_run_in(one, problem, lines, both, current, heldout, fold, open_))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = _accepted(tried)
-        rounds.append(Round(heldout, screened, tuple(tried), accepted))
-        if accepted is None:
+        found: tuple[Round, ...] = (Round(heldout, screened, tuple(tried), accepted),)
+        if accepted is None and len(effects) + 1 < MOST_EFFECTS:
+            progress("two effects at once")
+            found = two_at_once(problem, lines, effects, current, found[0], fold, open_) or found
+        rounds += found
+        if (last := found[-1].accepted) is None:
             break
-        effects = (*effects, accepted.kind)
-        problem = reweighted(problem, accepted.fit)
-        current, heldout = fitted(problem, lines, effects, np.asarray(accepted.fit.x), fold)
+        effects = (*effects, *(each.accepted.kind for each in found if each.accepted is not None))
+        problem = reweighted(problem, last.fit)
+        current, heldout = fitted(problem, lines, effects, np.asarray(last.fit.x), fold)
     for _ in effects[1:]:
         progress("second thoughts about " + ", ".join(kind.name for kind in effects[:-1]))
         change = reconsider(problem, lines, effects, current.x, rounds, fold)

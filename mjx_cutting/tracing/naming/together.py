@@ -1,0 +1,95 @@
+"""Two effects at once, where neither stands out alone.
+
+What one effect leaves unexplained of another's work is scatter to a test of it alone: few trials, of which a
+size effect and a drift each take half of what is missing, name neither. So where no candidate passes and much
+is missing, the two that explain most together are tried. They are named where together they leave little of
+it, beyond what the best of all pairs does by chance, and each passes every test beside the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects, Fit
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.naming.candidate import Candidate, Round, beyond_chance, try_effect
+from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.records.lines import Lines
+
+_STEPS = 8
+_LEFT = 0.35
+_EACH = 0.8
+
+
+def two_at_once(
+    problem: Problem,
+    lines: Lines,
+    effects: Effects,
+    before: Fit,
+    alone: Round,
+    fold: NDArray[np.int64],
+    looked_for: Sequence[type[AbstractEffect]],
+) -> tuple[Round, Round] | None:
+    """The round in which no candidate passed as two, in which a pair of them did; None where none does.
+
+    Arguments:
+        problem, lines: the trials.
+        effects: accepted so far; `before` the fit with them.
+        alone: the round, with every candidate as it does alone.
+        fold: [R] fold of each trial.
+        looked_for: all that were screened, for the chance of the best pair of them.
+    """
+    started = [(pair, _descended(problem, effects, pair)) for pair in combinations(alone.candidates, 2)]
+    if not started:
+        return None
+    pair, (x, squares) = min(started, key=lambda each: each[1][1])
+    if not squares < _LEFT**2 * float(before.squares):
+        return None
+    first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
+    own = second.kind.size(problem.tool)
+    x = x if pair[1] is second else _swapped(x, own, first.kind.size(problem.tool))
+    both = (*effects, first.kind, second.kind)
+    later = try_effect(problem, lines, both, x, first.fit, first.heldout, fold, looked_for)
+    tries = sum(len(kind.starts(problem.tool)) for kind in looked_for)
+    by_chance = beyond_chance(problem, lines, effects, before, both, later.fit, tries**2)
+    swapped = _swapped(np.asarray(later.fit.x), first.kind.size(problem.tool), own)
+    turned = (*effects, second.kind, first.kind)
+    earlier = try_effect(problem, lines, turned, swapped, second.fit, second.heldout, fold, looked_for)
+    passed = earlier.decision.accepted and later.decision.accepted and by_chance <= CHANCE
+    if not (passed and _little_is_left(alone.before, first.heldout, second.heldout, later.heldout)):
+        return None
+    named = replace(first, decision=earlier.decision)
+    others = (each for each in alone.candidates if each not in pair)
+    return (
+        replace(alone, accepted=named, candidates=(named, *others)),
+        Round(first.heldout, alone.screened, (later,), later),
+    )
+
+
+def _descended(
+    problem: Problem, effects: Effects, pair: tuple[Candidate, Candidate]
+) -> tuple[NDArray[np.floating], float]:
+    """Unknowns and sum of squares of a short fit of both, from where each is alone."""
+    one, other = pair
+    own = np.asarray(other.fit.x)[-other.kind.size(problem.tool) :]
+    start = np.concatenate([np.asarray(one.fit.x), own])
+    return Descent(problem, (*effects, one.kind, other.kind)).descend(start, _STEPS)
+
+
+def _swapped(x: NDArray[np.floating], last: int, before: int) -> NDArray[np.floating]:
+    """Unknowns [U] with the `last` ones put before those of the effect `before` them."""
+    rest = len(x) - last - before
+    return np.concatenate([x[:rest], x[rest + before :], x[rest : rest + before]])
+
+
+def _little_is_left(nothing: HeldOut, first: HeldOut, second: HeldOut, both: HeldOut) -> bool:
+    """Whether a pair leaves little of what is missing, and less by far than either of the two."""
+    return both.nrmse < min(_LEFT * nothing.nrmse, _EACH * first.nrmse, _EACH * second.nrmse)
