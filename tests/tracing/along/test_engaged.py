@@ -62,14 +62,14 @@ def test_a_sheet_shorter_than_the_way_in_never_holds_the_tool_fully(saw):
     made, trials = saw(), []
     for index, trial in enumerate(made.trials):
         cut, way_s = trial.time_s - 0.4, way_in_m(trial.radial_depth_m, made.tool.diameter_m) / 0.01
-        length_s = 0.3 * way_s if index < 2 else 1.8
+        length_s = 2.5 if index < 3 else 0.4 * way_s
         inside = np.clip(np.minimum(np.minimum(cut, length_s), way_s + length_s - cut) / way_s, 0.0, 1.0)
         force = trial.force_n * inside[:, None]
         trials.append(replace(trial, force_n=force, feed_speed_m_s=0.01))
     found = engaged(replace(made, trials=tuple(trials)))
     assert found is not None
-    assert {each.file for each in found.dataset.left_out} == {trial.file for trial in trials[:2]}
-    assert set(found.spans_s) == {trial.file for trial in trials[2:]}
+    assert {each.file for each in found.dataset.left_out} == {trial.file for trial in trials[3:]}
+    assert set(found.spans_s) == {trial.file for trial in trials[:3]}
 
 
 def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whole(mill):
