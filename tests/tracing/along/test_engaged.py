@@ -62,7 +62,7 @@ def test_a_sheet_shorter_than_the_way_in_never_holds_the_tool_fully(saw):
     made, trials = saw(), []
     for index, trial in enumerate(made.trials):
         cut, way_s = trial.time_s - 0.4, way_in_m(trial.radial_depth_m, made.tool.diameter_m) / 0.01
-        length_s = 2.5 if index < 3 else 0.4 * way_s
+        length_s = 2.5 if index < 3 else 0.45 * way_s
         inside = np.clip(np.minimum(np.minimum(cut, length_s), way_s + length_s - cut) / way_s, 0.0, 1.0)
         force = trial.force_n * inside[:, None]
         trials.append(replace(trial, force_n=force, feed_speed_m_s=0.01))
