@@ -55,6 +55,7 @@ class Parameter(NamedTuple):
         typical: scale of a usual value; the fit works in units of it.
         log: True when the fit should work on the logarithm (positive, over decades).
         per_tooth: True for one value a tooth, [N].
+        whole: True for a whole number, which a fit finds by trying each and does not move.
         length: number of values when the parameter is a vector (3: one for each axis); 0 for a scalar.
         source: where the range comes from.
     """
@@ -68,6 +69,7 @@ class Parameter(NamedTuple):
     per_tooth: bool = False
     source: str = ""
     length: int = 0
+    whole: bool = False
 
     def shape(self, tool: Tool) -> tuple[int, ...]:
         """Shape of the value for this tool."""

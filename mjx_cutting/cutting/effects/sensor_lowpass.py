@@ -40,7 +40,7 @@ class SensorLowpass(AbstractEffect):
     damps = True
     parameters = {
         "cutoff_hz": Parameter("Hz", 5.0, 2000.0, BEYOND_HZ, TYPICAL_HZ, log=True, source="20-250 Hz"),
-        "order": Parameter("1", 0.0, 5.0, None, 0.0, source="1-4"),
+        "order": Parameter("1", 0.0, 5.0, None, 0.0, source="1-4", whole=True),
     }
     signature = "loss and lag above a fixed frequency; mean exact"
     confused_with = {

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 _TYPICAL = 0.005
+_ORDERS = range(2, 15)
 
 
 @register
@@ -40,7 +41,7 @@ class TorqueRipple(AbstractEffect):
     strength = "amplitude"
     parameters = {
         "amplitude": Parameter("1", 0.0, 0.1, 0.0, _TYPICAL, source="0.1-2 %"),
-        "order": Parameter("1", 0.0, 50.0, None, 0.0, source="poles and slots: 2-14"),
+        "order": Parameter("1", 0.0, 50.0, None, 0.0, source="poles and slots: 2-14", whole=True),
         "phase_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
     }
     per_turn = True
@@ -76,7 +77,8 @@ class TorqueRipple(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, 0.0, 0.25 * order] for order in (2, 3, 4, 6, 8, 12)])
+        # the order is whole, so no fit moves it: each is a start of its own
+        return np.asarray([[0.5, 0.0, 0.25 * order] for order in _ORDERS])
 
     @classmethod
     def identity(cls, tool: Tool) -> TorqueRipple:

@@ -132,8 +132,8 @@ def interval(
 
     A model's error that may be several times the value undoes it; a smaller one only widens the interval.
 
-    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid: its
-    interval is all of its physical range.
+    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid or is a
+    whole number: its interval is all of its physical range.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
@@ -150,7 +150,8 @@ def interval(
     quantile = _quantile(folds)
     half = quantile * error + np.ravel(model_error)
     most, wide = float(value[tooth]), float(half[tooth])
-    if kind.parameters[name].identity is None and not half.any() and not on_grid:
+    chosen = on_grid or kind.parameters[name].whole
+    if kind.parameters[name].identity is None and not half.any() and not chosen:
         return Interval(most, kind.parameters[name].low, kind.parameters[name].high, unit)
     origin = kind.parameters[name].identity or 0.0
     if scale is None:

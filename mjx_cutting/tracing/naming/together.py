@@ -54,15 +54,15 @@ def two_at_once(
     if not squares < _LEFT**2 * float(before.squares):
         return None
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
-    own = second.kind.size(problem.tool)
-    x = x if pair[1] is second else _swapped(x, own, first.kind.size(problem.tool))
+    last = first.kind.size(problem.tool)
+    x = x if pair[1] is second else _exchanged(x, last, second.kind.size(problem.tool))
     both = (*effects, first.kind, second.kind)
     later = try_effect(problem, lines, both, x, first.fit, first.heldout, fold, looked_for)
     tries = sum(len(kind.starts(problem.tool)) for kind in looked_for)
     by_chance = beyond_chance(problem, lines, effects, before, both, later.fit, tries**2)
-    swapped = _swapped(np.asarray(later.fit.x), first.kind.size(problem.tool), own)
+    x = _exchanged(np.asarray(later.fit.x), second.kind.size(problem.tool), last)
     turned = (*effects, second.kind, first.kind)
-    earlier = try_effect(problem, lines, turned, swapped, second.fit, second.heldout, fold, looked_for)
+    earlier = try_effect(problem, lines, turned, x, second.fit, second.heldout, fold, looked_for)
     passed = earlier.decision.accepted and later.decision.accepted and by_chance <= CHANCE
     if not (passed and _little_is_left(alone.before, first.heldout, second.heldout, later.heldout)):
         return None
@@ -84,8 +84,8 @@ def _descended(
     return Descent(problem, (*effects, one.kind, other.kind)).descend(start, _STEPS)
 
 
-def _swapped(x: NDArray[np.floating], last: int, before: int) -> NDArray[np.floating]:
-    """Unknowns [U] with the `last` ones put before those of the effect `before` them."""
+def _exchanged(x: NDArray[np.floating], last: int, before: int) -> NDArray[np.floating]:
+    """Unknowns [U] with the `last` ones put in front of the `before` ones that stand before them."""
     rest = len(x) - last - before
     return np.concatenate([x[:rest], x[rest + before :], x[rest : rest + before]])
 

@@ -224,13 +224,15 @@ def _parameters(tracing: Tracing) -> Table:
         value, ends, symbol = interval(each.value, each.low, each.high, each.unit)
         if each.held:
             ends = "held; these trials cannot determine it"
+        elif each.whole:
+            ends = "a whole number, found by trying each"
         rows.append(
             (
                 each.label,
                 each.meaning,
                 quantity(each.base, each.unit),
                 joined(value, symbol),
-                ends if each.held else joined(ends, symbol),
+                ends if each.held or each.whole else joined(ends, symbol),
             )
         )
     return Table(("parameter", "", "base model", "final model", "95 % interval"), rows, frozenset({2, 3}))

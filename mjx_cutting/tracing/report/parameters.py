@@ -35,6 +35,7 @@ class Estimate:
         value, low, high: SI; `by_fold` [F] the values with a fold left out; `unit` SI.
         base: value in the base model without effects, or None for a parameter of an effect.
         strength: True for the parameter that is an effect's size.
+        whole: True for a whole number, which has no interval.
     """
 
     label: str
@@ -47,11 +48,12 @@ class Estimate:
     unit: str
     base: float | None = None
     strength: bool = False
+    whole: bool = False
 
     @property
     def held(self) -> bool:
         """True where the fit did not move it: these trials cannot determine it."""
-        return self.low == self.high == self.value
+        return self.low == self.high == self.value and not self.whole
 
     @property
     def text(self) -> str:
@@ -89,6 +91,7 @@ def estimates(tracing: Tracing) -> list[Estimate]:
                     by_fold=values[np.isfinite(values)],
                     unit=said.unit,
                     strength=name == kind.strength,
+                    whole=whole.whole,
                 )
             )
     base, final = tracing.base_model.material, tracing.model.material

@@ -166,13 +166,14 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least:
 
     Levels, of which a trial has one, scatter more than the noise within a trial. From any other force a small
     factor of each trial's own is taken first. Where the noise had to be read beside the lines, all that is
-    not periodic counts as noise; no noise follows the path or the session.
+    not periodic counts as noise; no noise follows the path or the session. What one sample has of that before
+    it, and is no larger than the noise, is the noise's colour.
     """
     clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
     own = next(filter(_of_the_trial, before), None)
     # on trials not seen their factors count more than once: the other trials' are in the constants
     error = found.base.nrmse if own is None else own.of_force * float(np.sqrt(1.0 / own.share - 1.0))
-    shown = [each for each in before if each.found and not _of_the_trial(each)]
+    shown = [each for each in before if each.found and not (_of_the_trial(each) or _colour(each, least))]
     follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
     return error > clearly * least or (error > least and bool(shown)) or follows
 
@@ -180,6 +181,11 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least:
 def _of_the_trial(each: Dependence) -> bool:
     """Whether this is a factor of each trial's own, too small to be called something missing."""
     return each.covariate == "trial" and each.found and each.factor < _SCATTER
+
+
+def _colour(each: Dependence, least: float) -> bool:
+    """Whether this may be the colour of noise that leaves `least` of the force."""
+    return each.covariate == "previous force" and each.of_force <= least
 
 
 def reached(floor: float, tolerance: float) -> float:

@@ -150,3 +150,11 @@ def test_command_stair_has_nulls_at_the_policy_rate():
 
     assert level(50.0) < 0.05 * level(25.0)
     assert level(100.0) < 0.05 * level(25.0)
+
+
+def test_a_search_for_ripple_starts_at_every_order_of_poles_and_slots():
+    """A whole number has no slope, so what is not a start is never found."""
+    tool = Tool("slitting_saw", 18, 0.063)
+    kind = effect_class("torque_ripple")
+    orders = [float(kind.build(np.asarray(x), tool).order) for x in kind.starts(tool)]
+    assert orders == list(range(2, 15))

@@ -16,6 +16,7 @@ from mjx_cutting.cutting.effects import (
     SensorResonance,
     SizeEffect,
     StaticCompliance,
+    TorqueRipple,
     UnequalPitch,
 )
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -287,3 +288,10 @@ def test_a_hum_of_one_energy_is_no_chance_whatever_else_the_trials_leave():
     assert found < 1e-6
     scattered = left - 0.005 * np.array([1.0, -2.0, 3.0, -1.0, 4.0])
     assert chance_over_trials(_heldout(list(left)), _heldout(list(scattered)), tries=4) > CHANCE
+
+
+def test_a_whole_number_that_no_fold_moved_is_known():
+    found = interval(TorqueRipple, "order", 7.0, np.full(5, 7.0))
+    assert (found.value, found.low, found.high) == (7.0, 7.0, 7.0)
+    shape = interval(TorqueRipple, "phase_rad", 0.5, np.full(5, 0.5))
+    assert (shape.low, shape.high) == pytest.approx((-np.pi, np.pi))

@@ -42,7 +42,7 @@ def intervals_figure(tracing: Tracing) -> Figure | None:
 
 def _sized(each: Estimate) -> bool:
     """Whether a share of the estimate says something: not for a direction, nor for what was held."""
-    return each.value != 0.0 and not each.held and (each.strength or each.unit != "rad")
+    return each.value != 0.0 and not (each.held or each.whole) and (each.strength or each.unit != "rad")
 
 
 def _draw(axes: Axes, row: int, each: Estimate) -> None:

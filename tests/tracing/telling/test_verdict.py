@@ -1,0 +1,54 @@
+"""Which word a verdict says."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting.effects import ClampMode, RobotMode
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.telling import verdict as told
+from mjx_cutting.tracing.telling.dependence import Dependence
+
+
+def _session(error: float) -> tuple[SimpleNamespace, SimpleNamespace]:
+    return SimpleNamespace(tool=SimpleNamespace(kind="drill")), SimpleNamespace(
+        base=SimpleNamespace(nrmse=error)
+    )
+
+
+@pytest.mark.parametrize(("of_force", "missing"), [(0.012, False), (0.02, True)])
+def test_noise_that_remembers_is_nothing_missing(of_force, missing):
+    """Levels of drills scatter beyond the noise, so that alone says nothing either."""
+    memory = Dependence("previous force", 1e-9, 0.12, of_force, "memory")
+    assert told._shown([memory], *_session(0.04), least=0.015) is missing
+    feed = Dependence("feed", 1e-9, 0.12, 0.012, "edge law")
+    assert told._shown([feed], *_session(0.04), least=0.015) is True
+
+
+def _heldout(*by_trial: tuple[float, float, float]) -> HeldOut:
+    return HeldOut(np.array(by_trial), np.full((len(by_trial), 3), 10.0), None, np.arange(len(by_trial)))
+
+
+def _candidate(kind, heldout: HeldOut) -> SimpleNamespace:
+    return SimpleNamespace(kind=kind, heldout=heldout, decision=SimpleNamespace(accepted=True, untold=False))
+
+
+@pytest.mark.parametrize(
+    ("rival", "tied"),
+    [([(0.1, 1.0, 1.0)] * 4, True), ([(1.0, 0.1, 1.0)] * 4, False)],
+    ids=["the same part of the force", "another axis of it"],
+)
+def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
+    monkeypatch.setattr(told, "_settles", lambda *_: "another pose")
+    best = _candidate(RobotMode, _heldout(*[(0.1, 1.0, 1.0)] * 4))
+    other = _candidate(ClampMode, _heldout(*rival))
+    before = _heldout(*[(1.0, 1.0, 1.0)] * 4)
+    each = SimpleNamespace(accepted=best, candidates=(best, other), before=before)
+    found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None))
+    assert (found is not None) is tied
+    if tied:
+        assert found["names"] == ["robot_mode", "clamp_mode"]
+        assert found["cosine"] == pytest.approx(1.0)
