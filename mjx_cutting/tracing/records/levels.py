@@ -2,8 +2,8 @@
 
 Such a tool is always engaged, so a turn has no shape to speak of: thrust and torque of a drill, the three
 forces of a turning tool, each at the steady part of the trial. A sensor zeroed before the trial reads nothing
-there but the cut, so no bias is fitted; where records that begin in the air show that it was not at zero,
-what it read there is taken off.
+there but the cut, so no bias is fitted; where records that begin in the air (of a turning tool, or end in
+it: a drill rubs on its way out) show that it was not at zero, what it read there is taken off.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def as_levels(dataset: Dataset) -> Dataset:
         return dataset
     trials = [_channels(trial, dataset.tool.kind) for trial in dataset.trials]
     if dataset.sensor.zeroed == "trial":
-        trials = _at_zero(trials)
+        trials = _at_zero(trials, dataset.tool.kind)
     trials = [
         part_of(trial, along_path(trial), _steady(trial.force_n)) if trial.kind == "cut" else trial
         for trial in trials
@@ -63,9 +63,14 @@ def _channels(trial: Trial, kind: str) -> Trial:
     return replace(trial, force_n=force, torque_nm=None)
 
 
-def _at_zero(trials: list[Trial]) -> list[Trial]:
-    """The trials less what they read in the air before the cut, where that is more than its noise."""
+def _at_zero(trials: list[Trial], kind: str) -> list[Trial]:
+    """The trials less what they read in the air beside the cut, where that is more than its noise."""
     airs = [_air(trial.force_n) if trial.kind == "cut" else None for trial in trials]
+    if kind == "turning":
+        pairs = zip(airs, trials, strict=True)
+        airs = [
+            _air(trial.force_n[::-1]) if air is None and trial.kind == "cut" else air for air, trial in pairs
+        ]
     read = [(air.mean(axis=0), _AT_REST * _error(air)) for air in airs if air is not None]
     if not read:
         return trials
