@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.records.lines import Lines, order_of_columns
+from mjx_cutting.tracing.records.lines import Lines
 
 _ITS_WORK = 0.5
 
@@ -31,6 +31,6 @@ def its_lines(
 ) -> NDArray[np.bool_]:
     """[P] the lines an effect works on, those at tooth passing or all others, by the `squares` before and
     after it."""
-    once = order_of_columns(problem.orders) % problem.tool.teeth != 0
+    once = problem.order % problem.tool.teeth != 0
     gained = before - after
     return once if float(gained[:, once].sum()) >= _ITS_WORK * float(gained.sum()) else ~once

@@ -42,6 +42,7 @@ _MODEL_ERROR = 0.02
 _PLACES = 6
 _ARC_STEP = np.pi / 8.0
 _TRIALS_STEP = 4
+_ORDERS_STEP = 8
 _WIDTHS_APART = 1.1
 
 
@@ -52,7 +53,8 @@ class Problem(eqx.Module):
         tool: the cutter; its teeth are computed as straight ones (see `model_lines`).
         cut: conditions, every field [R].
         path_m: [R] length of the path that the record covers, about `cut.position_m`.
-        whitened, factor, present: see `Lines`.
+        whitened, factor, present: see `Lines`; without the orders that are heard in no trial.
+        heard: [K] orders compared, without the constant: P = 2 K + 1.
         gain: [R, orders + 1] complex response at each order of the known anti-alias filter.
         weight: [3] 1 / standard deviation given to each axis, 1/N.
         bias_spread_n: [3] prior standard deviation of a trial's bias, N; 0 where all trials share one bias.
@@ -76,6 +78,7 @@ class Problem(eqx.Module):
     whitened: Array
     factor: Array
     present: Array
+    heard: Array
     gain: Array
     weight: Array
     bias_spread_n: Array
@@ -96,6 +99,11 @@ class Problem(eqx.Module):
     def trials(self) -> int:
         """Number of trials R."""
         return self.whitened.shape[0]
+
+    @property
+    def order(self) -> np.ndarray[Any, Any]:
+        """[P] order of each basis function."""
+        return np.concatenate([[0], np.repeat(np.asarray(self.heard), 2)])
 
     @property
     def weights(self) -> Array:
@@ -142,13 +150,16 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             / dataset.tool.teeth
         )
     )
+    heard = _heard(lines)
+    kept = np.concatenate([[0], np.stack([2 * heard - 1, 2 * heard], axis=1).ravel()]).astype(int)
     return Problem(
         tool=tool,
         cut=jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts),
         path_m=jnp.asarray([float(np.ptp(place)) for place in places]),
-        whitened=jnp.asarray(lines.whitened),
-        factor=jnp.asarray(lines.factor),
-        present=jnp.asarray(lines.present),
+        whitened=jnp.asarray(lines.whitened[:, kept]),
+        factor=jnp.asarray(lines.factor[:, kept[:, None], kept]),
+        present=jnp.asarray(lines.present[:, kept]),
+        heard=jnp.asarray(heard),
         gain=jnp.asarray(line_gain(dataset.sensor, lines.speed_rev_s, lines.orders)),
         weight=jnp.asarray(1.0 / np.sqrt(noise**2 + (_MODEL_ERROR * _rms_by_axis(dataset, lines, rms)) ** 2)),
         bias_spread_n=jnp.full(3, 0.0 if known else _BIAS_SPREAD * rms),
@@ -163,6 +174,14 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         air=air,
         alive=_alive(trials),
     )
+
+
+def _heard(lines: Lines) -> np.ndarray[Any, Any]:
+    """[K] orders that are heard in any trial, and the lowest others up to a round number of them, so that
+    what is compiled for one data set serves others."""
+    present = lines.present[:, 1::2].any(axis=0)
+    count = min(-(-int(present.sum()) // _ORDERS_STEP) * _ORDERS_STEP, lines.orders)
+    return np.sort(1 + np.argsort(~present, kind="stable")[:count])
 
 
 def _alive(trials: Sequence[Trial]) -> tuple[bool, bool, bool]:

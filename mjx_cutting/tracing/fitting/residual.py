@@ -51,7 +51,7 @@ def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike =
 
 def as_measured(problem: Problem, lines: Array) -> Array:
     """[R, P, 3] lines [R, orders + 1, 3] as `Problem.whitened` holds those of a record."""
-    real = jax.vmap(_real)(lines, problem.present)
+    real = jax.vmap(_real, in_axes=(0, 0, None))(lines, problem.present, problem.heard)
     return jnp.einsum("rqp,rqa->rpa", problem.factor, real)
 
 
@@ -69,7 +69,7 @@ def _solve_trial(
     present: Array,
     weight: Array,
 ) -> Residual:
-    spread = problem.bias_spread_n
+    spread, heard = problem.bias_spread_n, problem.heard
     constant = factor[0]
     norm = constant @ constant
     # closed-form bias with its prior: share of the projection on the constant that a bias takes away
@@ -87,25 +87,26 @@ def _solve_trial(
         return jnp.where(spread > 0.0, (constant @ remaining) / norm, 0.0)
 
     if problem.motion is not None:
-        remaining = whitened - factor.T @ _real(lines, present).at[0].add(shared)
+        remaining = whitened - factor.T @ _real(lines, present, heard).at[0].add(shared)
         bias = bias_of(remaining)
         left = remaining - jnp.outer(constant, bias)
         return Residual(unbiased(remaining) * weight, left, jnp.zeros(()), bias + shared)
     still = jax.lax.stop_gradient(lines)
-    start = _best_phase(still, whitened, factor, weight)
+    start = _best_phase(still, whitened, factor, weight, heard)
     teeth, turned = problem.tool.teeth, _turned(still, start)
     of_all = (np.arange(len(still)) % teeth == 0)[:, None]
-    alike = _real(jnp.where(of_all, turned, 0.0), present).at[0].add(shared)
+    alike = _real(jnp.where(of_all, turned, 0.0), present, heard).at[0].add(shared)
     apart = without_bias(whitened - factor.T @ alike)
-    start = start + _whole_teeth(jnp.where(of_all, 0.0, turned), apart, factor, weight, teeth)
-    columns = _derivatives(_real(_turned(still, start), present), _TERMS)
+    start = start + _whole_teeth(jnp.where(of_all, 0.0, turned), apart, factor, weight, teeth, heard)
+    columns = _derivatives(_real(_turned(still, start), present, heard), _TERMS, heard)
     columns[0] = columns[0].at[0].add(shared)
     now, *slopes = jnp.split(-factor.T @ jnp.concatenate(columns, axis=1), 1 + _TERMS, axis=1)
     expansion = jnp.stack([without_bias(each) * weight for each in (whitened + now, *slopes)])
     phase = jax.lax.stop_gradient(start + _least_turn(expansion.reshape(1 + _TERMS, -1)))
-    real = _real(_turned(lines, phase), present)
-    remaining = whitened - factor.T @ real.at[0].add(shared)
-    slope = without_bias(-factor.T @ jax.lax.stop_gradient(_derivatives(real, 1)[1])) * weight
+    real = _real(_turned(lines, phase), present, heard)
+    turning = jax.lax.stop_gradient(_derivatives(real, 1, heard)[1])
+    told, slope = jnp.split(factor.T @ jnp.concatenate([real.at[0].add(shared), turning], axis=1), 2, axis=1)
+    remaining, slope = whitened - told, without_bias(-slope) * weight
     projected = unbiased(remaining) * weight
     slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
     projected = projected - slope * jnp.sum(slope * projected)
@@ -113,9 +114,10 @@ def _solve_trial(
     return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
 
 
-def _derivatives(real: Array, highest: int) -> list[Array]:
-    """[P, A] each: coefficients of 1, cos, sin, and their derivatives by the phase up to the highest."""
-    order = jnp.arange(1, 1 + real.shape[0] // 2)[:, None]
+def _derivatives(real: Array, highest: int, heard: Array) -> list[Array]:
+    """[P, A] each: coefficients of 1, cos, sin of the orders `heard` [K], and their derivatives by the phase
+    up to the highest."""
+    order = heard[:, None]
     cosine, sine = real[1::2], real[2::2]
     turned = jnp.stack([order * sine, -order * cosine], axis=1).reshape(-1, real.shape[1])
     found = [real, jnp.concatenate([jnp.zeros_like(real[:1]), turned])]
@@ -147,30 +149,30 @@ def _turned(lines: Array, phase: Array) -> Array:
     return lines * jnp.exp(1j * jnp.arange(lines.shape[0]) * phase)[:, None]
 
 
-def _real(lines: Array, present: Array) -> Array:
-    """[P, A] coefficients of 1, cos, sin from complex lines [orders + 1, A]."""
-    pairs = jnp.stack([2.0 * lines.real[1:], -2.0 * lines.imag[1:]], axis=1).reshape(-1, lines.shape[1])
+def _real(lines: Array, present: Array, heard: Array) -> Array:
+    """[P, A] coefficients of 1, cos, sin of the orders `heard` [K] from complex lines [orders + 1, A]."""
+    own = lines[heard]
+    pairs = jnp.stack([2.0 * own.real, -2.0 * own.imag], axis=1).reshape(-1, lines.shape[1])
     return jnp.concatenate([lines.real[:1], pairs]) * present[:, None]
 
 
-def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array) -> Array:
+def _best_phase(lines: Array, whitened: Array, factor: Array, weight: Array, heard: Array) -> Array:
     """Phase on a grid of a turn at which the lines agree best with the measured ones, the mean left aside."""
     product = factor @ whitened
     measured = product[1::2] - 1j * product[2::2]
-    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
-    spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[1 : lines.shape[0]].set(agreement)
+    agreement = jnp.sum(measured * jnp.conj(lines[heard]) * weight**2, axis=1)
+    spectrum = jnp.zeros(_PHASES, dtype=agreement.dtype).at[heard].set(agreement)
     return 2.0 * jnp.pi / _PHASES * jnp.argmax(jnp.fft.fft(spectrum).real)
 
 
-def _whole_teeth(lines: Array, apart: Array, factor: Array, weight: Array, teeth: int) -> Array:
+def _whole_teeth(lines: Array, apart: Array, factor: Array, weight: Array, teeth: int, heard: Array) -> Array:
     """Turn by whole teeth at which the lines that tell them apart agree best with the measured ones.
 
     In a finite record the mean and the lines of tooth passing leak into the small ones between. So these,
     `lines` [orders + 1, A], are compared with what a model of alike teeth leaves, `apart` [P, A] whitened.
     """
-    order = np.arange(1, lines.shape[0])
     product = factor @ apart
     measured = product[1::2] - 1j * product[2::2]
-    agreement = jnp.sum(measured * jnp.conj(lines[1:]) * weight**2, axis=1)
-    tooth = np.arange(teeth)[:, None]
-    return 2.0 * jnp.pi / teeth * jnp.argmax((np.exp(-2j * np.pi / teeth * tooth * order) @ agreement).real)
+    agreement = jnp.sum(measured * jnp.conj(lines[heard]) * weight**2, axis=1)
+    tooth = jnp.arange(teeth)[:, None]
+    return 2.0 * jnp.pi / teeth * jnp.argmax((jnp.exp(-2j * np.pi / teeth * tooth * heard) @ agreement).real)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, Tool
 from mjx_cutting.cutting.effects.broken_tooth import BrokenTooth
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.records.lines import order_of_columns
 
 _HARMONICS = 2
 _FEWEST = 2
@@ -74,7 +73,7 @@ def broken_between(
 def teeth_apart(problem: Problem) -> NDArray[np.floating]:
     """[R] size of the lines between those of tooth passing, over the size of those, as measured; of the
     lowest only, which none that is folded at half the sampling rate lies upon."""
-    order = order_of_columns(min(problem.orders, _HARMONICS * problem.tool.teeth))
+    order = problem.order[problem.order <= _HARMONICS * problem.tool.teeth]
     low, passing, turns = slice(0, len(order)), order % problem.tool.teeth == 0, order > 0
     sizes = []
     for factor, whitened in zip(np.asarray(problem.factor), np.asarray(problem.whitened), strict=True):

@@ -114,3 +114,22 @@ def test_a_small_line_once_a_turn_tells_the_teeth_apart_beside_a_great_mean_that
         left = residual_of_lines(pose(cuts, lines), np.tile(model, (len(trials), 1, 1)))
     apart = np.asarray(left.phase_rad) - truth
     np.testing.assert_allclose(np.exp(1j * apart), 1.0, atol=0.02)
+
+
+def test_orders_heard_in_no_trial_take_no_room(mill):
+    with jax.enable_x64(True):
+        dataset = mill()
+        lines = compress(dataset, (500.0, 1000.0))
+        problem = pose(dataset, lines)
+        heard = np.flatnonzero(lines.present[:, 1::2].any(axis=0)) + 1
+        kept = np.asarray(problem.heard)
+        assert set(heard) <= set(kept) and len(kept) < lines.orders and len(kept) - len(heard) < 8
+        np.testing.assert_array_equal(problem.order, np.concatenate([[0], np.repeat(kept, 2)]))
+        # nothing that was measured is lost
+        np.testing.assert_allclose(
+            np.sum(np.asarray(problem.whitened) ** 2), np.sum(lines.whitened**2), rtol=1e-12
+        )
+        gram = np.asarray(problem.factor) @ np.swapaxes(np.asarray(problem.factor), 1, 2)
+        whole = lines.factor @ np.swapaxes(lines.factor, 1, 2)
+        columns = np.concatenate([[0], np.stack([2 * kept - 1, 2 * kept], axis=1).ravel()])
+        np.testing.assert_allclose(gram, whole[:, columns[:, None], columns], rtol=1e-9, atol=1e-9)

@@ -14,10 +14,10 @@ from mjx_cutting.tracing.guards.own_law import rather_their_law
 
 
 class _Posed(NamedTuple):
-    """What the guard reads of a problem: the tool, and the highest order."""
+    """What the guard reads of a problem: the tool, and the order of each line."""
 
     tool: Tool
-    orders: int
+    order: np.ndarray
 
 
 class _Still:
@@ -49,7 +49,7 @@ def test_what_is_within_the_law_of_another_is_refused(monkeypatch, beside, at_pa
     monkeypatch.setattr(own_law, "Descent", _Still)
     monkeypatch.setattr(own_law, "squares", lambda problem, effects, x: squares[len(effects)])
     monkeypatch.setattr(own_law, "noise_squares", lambda problem, lines: np.zeros((1, 5, 3)))
-    posed = _Posed(Tool("end_mill", 2, 0.01), 2)
+    posed = _Posed(Tool("end_mill", 2, 0.01), np.array([0, 1, 1, 2, 2]))
     before, after = (RadialRunout,), (RadialRunout, SizeEffect)
     why = rather_their_law(posed, None, before, np.zeros(6 + size), after, np.zeros(7 + size))
     assert why is None if refused is None else refused in why
