@@ -11,18 +11,16 @@ record has it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, effect_at, like_geometry
-from mjx_cutting.tracing.along.engaged import LEAST_TURNS, Engaged, hardly_cut, turns_in
+from mjx_cutting.tracing.along.engaged import Engaged, cut_down
 from mjx_cutting.tracing.naming.decision import Interval, interval
 from mjx_cutting.tracing.once import Pass
 from mjx_cutting.tracing.records.course import along_path
-from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.whole_records import Outside, held_against, left_of, met, outside_the_cut, with_ends
 from mjx_cutting.trials.dataset import Dataset
 
@@ -84,20 +82,12 @@ def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> D
     late_m = [from_m[trial.file] - along_path(trial)[0] for trial in cuts]
     if max(late_m) <= allowed_m:
         return None
-    trials, left_out = [], []
-    for trial in dataset.trials:
-        if trial.kind == "cut":
-            place = along_path(trial)
-            part = slice(int(np.searchsorted(place, from_m[trial.file])), len(place))
-            turns = turns_in(trial, part)
-            if turns < LEAST_TURNS:
-                left_out.append(hardly_cut(trial.file, turns))
-                continue
-            trial = part_of(trial, place, part)
-        trials.append(trial)
-    if sum(trial.kind == "cut" for trial in trials) < _FEWEST:
-        return None
-    return replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *left_out))
+    parts = {}
+    for trial in cuts:
+        place = along_path(trial)
+        parts[trial.file] = place, slice(int(np.searchsorted(place, from_m[trial.file])), len(place))
+    rest = cut_down(dataset, parts)
+    return None if sum(trial.kind == "cut" for trial in rest.trials) < _FEWEST else rest
 
 
 def _ends(record: Outside, first_m: float, last_m: float, weight: Array) -> tuple[float, float]:

@@ -16,18 +16,16 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry, met_by
-from mjx_cutting.tracing.along.engaged import touches_m
+from mjx_cutting.tracing.along.engaged import cut_down, touches_m
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.naming.decision import interval
 from mjx_cutting.tracing.once import Pass
 from mjx_cutting.tracing.records.course import along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines
-from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.whole_records import Told, held_against, left_of, met, outside_the_cut, with_ends
-from mjx_cutting.trials.dataset import Dataset, LeftOut
+from mjx_cutting.trials.dataset import Dataset
 
-_LEAST_TURNS = 10
 _FEWEST = 4
 _FEWEST_IN_AIR = 10
 _CLEAR = 0.01
@@ -152,28 +150,17 @@ def _engaged(dataset: Dataset, lines: Lines, ends: Ends, reach_m: Array) -> tupl
         ends: (start, end) of the sheet along the path, m, and whether the axis meets them.
         reach_m: [R] way from the first touch until the tool is fully engaged, m.
     """
-    least = _SAMPLES_PER_LINE * float(lines.present.sum(axis=1).max())
-    trials, kept, left_out = [], [], list(dataset.left_out)
-    cuts = 0
-    for trial in dataset.trials:
-        if trial.kind != "cut":
-            trials.append(trial)
-            continue
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    parts = {}
+    for trial, way_m in zip(cuts, reach_m, strict=True):
         place = felt_at(trial, filter_delay_s(dataset.sensor))
-        rim_m = place + ends[2] * reach_m[cuts]
-        inside = np.flatnonzero((rim_m >= ends[0] + reach_m[cuts]) & (rim_m <= ends[1]))
-        turns = len(inside) / dataset.sensor.sample_rate_hz * trial.spindle_speed_rev_s
-        if len(inside) < least or turns < _LEAST_TURNS:
-            why = (
-                f"got {turns:.0f} turns ({len(inside)} samples) with the tool fully in the sheet, expected "
-                f"{_LEAST_TURNS} ({least:.0f}) or more; cut further before the record ends."
-            )
-            left_out.append(LeftOut(trial.file, why))
-        else:
-            trials.append(part_of(trial, place, slice(int(inside[0]), int(inside[-1]) + 1)))
-            kept.append(cuts)
-        cuts += 1
-    return replace(dataset, trials=tuple(trials), left_out=tuple(left_out)), kept
+        rim_m = place + ends[2] * way_m
+        inside = np.flatnonzero((rim_m >= ends[0] + way_m) & (rim_m <= ends[1]))
+        part = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
+        parts[trial.file] = place, part
+    rest = cut_down(dataset, parts, _SAMPLES_PER_LINE * float(lines.present.sum(axis=1).max()))
+    left = {trial.file for trial in rest.trials}
+    return rest, [index for index, trial in enumerate(cuts) if trial.file in left]
 
 
 def _judged_whole(
@@ -202,8 +189,8 @@ def _judged_whole(
         parameters[name] = replace(
             old, value=new, low=new - old.value + old.low, high=new - old.value + old.high
         )
-    met = first.decision.parameters["by_axis"]
-    parameters["by_axis"] = replace(met, value=ends[2], low=ends[2], high=ends[2])
+    way = first.decision.parameters["by_axis"]
+    parameters["by_axis"] = replace(way, value=ends[2], low=ends[2], high=ends[2])
     return told.round(effect, parameters, inside.after, tries), told
 
 

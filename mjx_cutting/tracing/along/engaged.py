@@ -9,6 +9,7 @@ down to where it has reached its level and the arc, by geometry, has become full
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,8 +29,9 @@ _CLEAR = 1.1
 _AT_ONCE = 0.3
 _AT_ONCE_TURNS = 4
 _FEWEST_TURNS = 3.0
-LEAST_TURNS = 10.0
+_LEAST_TURNS = 10.0
 _FEWEST_IN_AIR = 10
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,46 +57,64 @@ def engaged(dataset: Dataset) -> Engaged | None:
     """The trials where their tools are in the cut; None where no record begins or ends in the air."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool)) is not None}
-    turns = {trial.file: turns_in(trial, stays[trial.file].part) for trial in cuts if trial.file in stays}
-    short = {file for file, many in turns.items() if many < LEAST_TURNS}
-    if not stays or len(cuts) - len(short) < 2:
+    if not stays:
         return None
-    left_out = tuple(hardly_cut(file, turns[file]) for file in sorted(short))
-    sensor = dataset.sensor
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
-    zeroed = shown and sensor.zeroed == "trial"
-    trials, whole = [], []
-    for trial in dataset.trials:
-        if trial.file in short:
-            continue
-        if zeroed and trial.kind == "air":
-            trial = replace(trial, force_n=trial.force_n - trial.force_n.mean(axis=0))
-        if zeroed and trial.file in stays:
-            air = trial.force_n[: stays[trial.file].air]
-            trial = replace(trial, force_n=trial.force_n - air.mean(axis=0))
-        whole.append(trial)
-        trials.append(_part(trial, stays[trial.file].part) if trial.file in stays else trial)
-    spans = {t.file: (float(t.time_s[0]), float(t.time_s[-1])) for t in trials if t.file in stays}
+    zeroed = shown and dataset.sensor.zeroed == "trial"
+    read = [_at_zero(trial, stays) if zeroed else trial for trial in dataset.trials]
+    parts = {t.file: (along_path(t), stays[t.file].part) for t in read if t.file in stays}
+    rest = cut_down(replace(dataset, trials=tuple(read)), parts)
+    if sum(trial.kind == "cut" for trial in rest.trials) < 2:
+        return None
+    kept = {trial.file for trial in rest.trials}
+    spans = {t.file: (float(t.time_s[0]), float(t.time_s[-1])) for t in rest.trials if t.file in stays}
     if zeroed:
         # so all share a bias, of which the air says that it is none
-        sensor = replace(sensor, zeroed="session")
-        trials.append(_air(max(cuts, key=lambda trial: stays[trial.file].air), stays))
-    rest = replace(dataset, trials=tuple(trials), sensor=sensor, left_out=(*dataset.left_out, *left_out))
-    return Engaged(
-        rest,
-        spans,
-        replace(rest, trials=tuple(whole)),
-        {t.file: stays[t.file].touched_m for t in trials if t.file in stays},
-    )
+        rest = replace(rest, sensor=replace(rest.sensor, zeroed="session"))
+    whole = replace(rest, trials=tuple(trial for trial in read if trial.file in kept))
+    if zeroed:
+        air = _air(max(cuts, key=lambda trial: stays[trial.file].air), stays)
+        rest = replace(rest, trials=(*rest.trials, air))
+    return Engaged(rest, spans, whole, {file: stays[file].touched_m for file in spans})
 
 
-def _part(trial: Trial, part: slice) -> Trial:
-    return part_of(trial, along_path(trial), part)
+def cut_down(
+    dataset: Dataset, parts: Mapping[str, tuple[Array, slice]], least_samples: float = 0.0
+) -> Dataset:
+    """The trials with those in `parts` cut down to where the tool is fully in the cut.
+
+    Arguments:
+        parts: by file, the way along the path [T], m, and the samples kept. Where these are fewer than ten
+            turns of the spindle, or than `least_samples`, the trial is left out.
+    """
+    trials, left_out = [], list(dataset.left_out)
+    for trial in dataset.trials:
+        if trial.file in parts:
+            place, part = parts[trial.file]
+            samples = max(part.stop - part.start, 0)
+            turns = samples / len(trial.time_s) * float(np.ptp(trial.time_s)) * trial.spindle_speed_rev_s
+            if turns < _LEAST_TURNS or samples < least_samples:
+                asked = f"{_LEAST_TURNS:g}" + (f" ({least_samples:.0f})" if least_samples else "")
+                why = (
+                    f"got {turns:.0f} turns of the spindle ({samples} samples) with the tool fully in the "
+                    f"cut, expected {asked} or more; cut further before the record ends."
+                )
+                left_out.append(LeftOut(trial.file, why))
+                continue
+            trial = part_of(trial, place, part)
+        trials.append(trial)
+    return replace(dataset, trials=tuple(trials), left_out=tuple(left_out))
+
+
+def _at_zero(trial: Trial, stays: dict[str, _Stay]) -> Trial:
+    """A trial less what it reads in the air: before the cut, or where it is all in air."""
+    air = trial.force_n if trial.kind == "air" else trial.force_n[: stays[trial.file].air]
+    return replace(trial, force_n=trial.force_n - air.mean(axis=0))
 
 
 def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
     """What a record shows before the cut, less its mean, as a cut in air."""
-    air = _part(trial, slice(0, stays[trial.file].air))
+    air = part_of(trial, along_path(trial), slice(0, stays[trial.file].air))
     force_n = air.force_n - air.force_n.mean(axis=0)
     return replace(air, kind="air", file=f"{trial.file}, before the cut", force_n=force_n)
 
@@ -166,19 +186,3 @@ def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
         float(place[touching[-1]]) if after >= least else np.inf,
     )
     return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0, touched)
-
-
-def hardly_cut(file: str, turns: float) -> LeftOut:
-    """A trial left out because its tool is fully in the cut for too few turns."""
-    return LeftOut(
-        file,
-        f"got {max(turns, 0.0):.0f} turns of the spindle with the tool fully in the cut, expected "
-        f"{LEAST_TURNS:g} or more; cut further before the record ends.",
-    )
-
-
-def turns_in(trial: Trial, part: slice) -> float:
-    """Turns of the spindle in a part of a trial."""
-    return (
-        (part.stop - part.start) / len(trial.time_s) * float(np.ptp(trial.time_s)) * trial.spindle_speed_rev_s
-    )

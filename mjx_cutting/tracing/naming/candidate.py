@@ -62,29 +62,37 @@ class Round:
         return next((each for each in others if each.decision.physical), others[0] if others else None)
 
 
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """What the effects tried for one place have in common.
+
+    Fields: `problem`, `lines`: the trials; `fold` [R] fold of each; `looked_for` all that were tried in that
+    place, for the chance of the best of them.
+    """
+
+    problem: Problem
+    lines: Lines
+    fold: NDArray[np.int64]
+    looked_for: Sequence[type[AbstractEffect]]
+
+    @property
+    def tries(self) -> int:
+        """Number of starts of all of them."""
+        return sum(len(each.starts(self.problem.tool)) for each in self.looked_for)
+
+
 def try_effect(
-    problem: Problem,
-    lines: Lines,
-    effects: Effects,
-    start: NDArray[np.floating],
-    before: Fit,
-    before_heldout: HeldOut,
-    fold: NDArray[np.int64],
-    tried: Sequence[type[AbstractEffect]],
+    contest: Contest, effects: Effects, start: NDArray[np.floating], before: Fit, before_heldout: HeldOut
 ) -> Candidate:
     """Fit and judge the last of `effects` beside the others.
 
     Arguments:
-        problem, lines: the trials.
         effects: the model's; `start` [U] unknowns to start from.
         before, before_heldout: fit and held-out error without the last effect.
-        fold: [R] fold of each trial.
-        tried: all that were tried in its place, for the chance of the best of them.
     """
-    kind = effects[-1]
-    found, after = fitted(problem, lines, effects, start, fold)
-    tries = sum(len(each.starts(problem.tool)) for each in tried)
-    p = beyond_chance(problem, lines, effects[:-1], before, effects, found, tries)
+    kind, problem, lines = effects[-1], contest.problem, contest.lines
+    found, after = fitted(problem, lines, effects, start, contest.fold)
+    p = beyond_chance(problem, lines, effects[:-1], before, effects, found, contest.tries)
     own = parameters(problem, lines, effects, found, after)[-1]
     axes = axes_of(problem.tool.kind)
     decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance, axes=axes)

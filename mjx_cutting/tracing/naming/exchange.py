@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.naming.candidate import Candidate, Round, fitted, try_effect
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, try_effect
 from mjx_cutting.tracing.naming.decision import STANDARD_ERRORS, gain_over_trials
 from mjx_cutting.tracing.records.lines import Lines
 
@@ -60,11 +60,9 @@ def reconsider(
         alone, before = fitted(problem, lines, rest, np.delete(here, np.s_[low:high]), fold)
         others = [each for each in rounds[place].candidates if each.kind not in effects][:_ALTERNATIVES]
         starts = [(kind, here[low:high]), *((each.kind, _coordinates(each, problem)) for each in others)]
-        screened = [each.kind for each in rounds[place].screened]
+        contest = Contest(problem, lines, fold, [each.kind for each in rounds[place].screened])
         tried = [
-            try_effect(
-                problem, lines, (*rest, one), np.concatenate([alone.x, own]), alone, before, fold, screened
-            )
+            try_effect(contest, (*rest, one), np.concatenate([alone.x, own]), alone, before)
             for one, own in starts
         ]
         best = _best(tried)

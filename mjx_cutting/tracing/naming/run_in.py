@@ -7,24 +7,20 @@ does. Without this, force that rises fast and then slowly is a sensor's drift ra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
-from mjx_cutting.cutting import AbstractEffect, Tool
+from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.flank_wear import RATE, FlankWear
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.naming.candidate import Candidate, beyond_chance, try_effect
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance, try_effect
 from mjx_cutting.tracing.naming.decision import CHANCE
-from mjx_cutting.tracing.records.lines import Lines
 
 _SHARES = (0.03, 0.1, 0.3)
 _STEPS = 10
@@ -55,14 +51,7 @@ class WearRunningIn(FlankWear):
 
 
 def with_run_in(
-    found: Candidate,
-    problem: Problem,
-    lines: Lines,
-    effects: Effects,
-    before: Fit,
-    before_heldout: HeldOut,
-    fold: NDArray[np.int64],
-    tried: Sequence[type[AbstractEffect]],
+    found: Candidate, contest: Contest, effects: Effects, before: Fit, before_heldout: HeldOut
 ) -> Candidate:
     """The candidate `found`, or wear with its run-in where that is steady wear and the run-in explains more.
 
@@ -70,6 +59,7 @@ def with_run_in(
     """
     if found.kind is not FlankWear or not found.heldout.nrmse < _WORTH_IT * before_heldout.nrmse:
         return found
+    problem = contest.problem
     longest_m = float(np.max(np.asarray(problem.cut.cut_length_m)))
     kind = type("WearRunningIn", (WearRunningIn,), {"longest_m": longest_m})
     running_in: Effects = (*effects[:-1], kind)
@@ -77,6 +67,6 @@ def with_run_in(
     steady = np.asarray(found.fit.x)
     starts = [np.append(steady, [0.0, np.log(share * longest_m)]) for share in _SHARES]
     best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
-    more = try_effect(problem, lines, running_in, best, before, before_heldout, fold, tried)
-    p = beyond_chance(problem, lines, effects, found.fit, running_in, more.fit, len(starts))
+    more = try_effect(contest, running_in, best, before, before_heldout)
+    p = beyond_chance(problem, contest.lines, effects, found.fit, running_in, more.fit, len(starts))
     return more if p <= CHANCE and more.heldout.nrmse < found.heldout.nrmse else found

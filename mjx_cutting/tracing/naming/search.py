@@ -19,7 +19,7 @@ from mjx_cutting.tracing.fitting.fit import Effects, Fit, fit_base, reweighted
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened, screen
-from mjx_cutting.tracing.naming.candidate import Candidate, Round, fitted, parameters, try_effect
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
 from mjx_cutting.tracing.naming.onset import with_onset
@@ -78,18 +78,18 @@ def search(
             if sum(kind.name == each.name for each in effects) < kind.most and kind.size(problem.tool) > 0
         ]
         screened = screen(problem, effects, current.x, open_, progress)
-        tried = []
+        contest, tried = Contest(problem, lines, fold, open_), []
         for each in shortlist(screened):
             progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
             both = (*effects, each.kind)
-            one = try_effect(problem, lines, both, each.x, current, heldout, fold, open_)
-            tried.append(with_run_in(one, problem, lines, both, current, heldout, fold, open_))
+            one = try_effect(contest, both, each.x, current, heldout)
+            tried.append(with_run_in(one, contest, both, current, heldout))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = _accepted(tried)
         found: tuple[Round, ...] = (Round(heldout, screened, tuple(tried), accepted),)
         if accepted is None and len(effects) + 1 < MOST_EFFECTS:
             progress("two effects at once")
-            found = two_at_once(problem, lines, effects, current, found[0], fold, open_) or found
+            found = two_at_once(contest, effects, current, found[0]) or found
         rounds += found
         if (last := found[-1].accepted) is None:
             break

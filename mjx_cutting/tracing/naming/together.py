@@ -8,45 +8,32 @@ it, beyond what the best of all pairs does by chance, and each passes every test
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.naming.candidate import Candidate, Round, beyond_chance, try_effect
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyond_chance, try_effect
 from mjx_cutting.tracing.naming.decision import CHANCE
-from mjx_cutting.tracing.records.lines import Lines
 
 _STEPS = 8
 _LEFT = 0.35
 _EACH = 0.8
 
 
-def two_at_once(
-    problem: Problem,
-    lines: Lines,
-    effects: Effects,
-    before: Fit,
-    alone: Round,
-    fold: NDArray[np.int64],
-    looked_for: Sequence[type[AbstractEffect]],
-) -> tuple[Round, Round] | None:
+def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -> tuple[Round, Round] | None:
     """The round in which no candidate passed as two, in which a pair of them did; None where none does.
 
     Arguments:
-        problem, lines: the trials.
         effects: accepted so far; `before` the fit with them.
         alone: the round, with every candidate as it does alone.
-        fold: [R] fold of each trial.
-        looked_for: all that were screened, for the chance of the best pair of them.
     """
+    problem = contest.problem
     started = [(pair, _descended(problem, effects, pair)) for pair in combinations(alone.candidates, 2)]
     if not started:
         return None
@@ -57,12 +44,12 @@ def two_at_once(
     last = first.kind.size(problem.tool)
     x = x if pair[1] is second else _exchanged(x, last, second.kind.size(problem.tool))
     both = (*effects, first.kind, second.kind)
-    later = try_effect(problem, lines, both, x, first.fit, first.heldout, fold, looked_for)
-    tries = sum(len(kind.starts(problem.tool)) for kind in looked_for)
-    by_chance = beyond_chance(problem, lines, effects, before, both, later.fit, tries**2)
+    later = try_effect(contest, both, x, first.fit, first.heldout)
+    tries = contest.tries**2
+    by_chance = beyond_chance(problem, contest.lines, effects, before, both, later.fit, tries)
     x = _exchanged(np.asarray(later.fit.x), second.kind.size(problem.tool), last)
     turned = (*effects, second.kind, first.kind)
-    earlier = try_effect(problem, lines, turned, x, second.fit, second.heldout, fold, looked_for)
+    earlier = try_effect(contest, turned, x, second.fit, second.heldout)
     passed = earlier.decision.accepted and later.decision.accepted and by_chance <= CHANCE
     if not (passed and _little_is_left(alone.before, first.heldout, second.heldout, later.heldout)):
         return None

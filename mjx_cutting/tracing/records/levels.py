@@ -65,12 +65,7 @@ def _channels(trial: Trial, kind: str) -> Trial:
 
 def _at_zero(trials: list[Trial], kind: str) -> list[Trial]:
     """The trials less what they read in the air beside the cut, where that is more than its noise."""
-    airs = [_air(trial.force_n) if trial.kind == "cut" else None for trial in trials]
-    if kind == "turning":
-        pairs = zip(airs, trials, strict=True)
-        airs = [
-            _air(trial.force_n[::-1]) if air is None and trial.kind == "cut" else air for air, trial in pairs
-        ]
+    airs = [_beside_the_cut(trial, kind) for trial in trials]
     read = [(air.mean(axis=0), _AT_REST * _error(air)) for air in airs if air is not None]
     if not read:
         return trials
@@ -83,6 +78,14 @@ def _at_zero(trials: list[Trial], kind: str) -> list[Trial]:
         trial if air is None else replace(trial, force_n=trial.force_n - air.mean(axis=0))
         for trial, air in zip(trials, airs, strict=True)
     ]
+
+
+def _beside_the_cut(trial: Trial, kind: str) -> NDArray[np.floating] | None:
+    """[A, 3] what a cut shows in the air before it, else of a turning tool after it; None where neither."""
+    if trial.kind != "cut":
+        return None
+    before = _air(trial.force_n)
+    return _air(trial.force_n[::-1]) if before is None and kind == "turning" else before
 
 
 def _air(force: NDArray[np.floating]) -> NDArray[np.floating] | None:

@@ -71,8 +71,8 @@ def estimates(tracing: Tracing) -> list[Estimate]:
         again = sum(each is kind for each in search.effects[:index])
         label = kind.name.replace("_", " ") + (f" {again + 1}" if again else "")
         for name, said in intervals.items():
-            whole = kind.parameters[name]
-            if whole.identity is None and (said.low, said.high) == (whole.low, whole.high):
+            declared = kind.parameters[name]
+            if declared.identity is None and (said.low, said.high) == (declared.low, declared.high):
                 continue  # unknown
             values = np.asarray(getattr(by_fold.effects[index], name), dtype=float)
             if values.ndim > 1:
@@ -83,7 +83,7 @@ def estimates(tracing: Tracing) -> list[Estimate]:
             found.append(
                 Estimate(
                     label=f"{label}: {name}",
-                    meaning=_where(kind.parameters[name].per_tooth),
+                    meaning=_where(declared.per_tooth),
                     effect=kind.name,
                     value=said.value,
                     low=said.low if np.isfinite(said.low) else said.value,
@@ -91,7 +91,7 @@ def estimates(tracing: Tracing) -> list[Estimate]:
                     by_fold=values[np.isfinite(values)],
                     unit=said.unit,
                     strength=name == kind.strength,
-                    whole=whole.whole,
+                    whole=declared.whole,
                 )
             )
     base, final = tracing.base_model.material, tracing.model.material

@@ -10,7 +10,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.fit import base_starts, effect_starts, fit, reweighted
 from mjx_cutting.tracing.fitting.heldout import folds
 from mjx_cutting.tracing.fitting.problem import pose
-from mjx_cutting.tracing.naming.candidate import Round, fitted, try_effect
+from mjx_cutting.tracing.naming.candidate import Contest, Round, fitted, try_effect
 from mjx_cutting.tracing.naming.exchange import reconsider
 from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.synthetic import Hidden
@@ -34,7 +34,7 @@ def session(mill):
             alone, before = fitted(problem, lines, (), np.asarray(base.x), fold)
             starts = [effect_starts(problem, kind, alone.x)[-1] for kind in kinds]
             found = [
-                try_effect(problem, lines, (kind,), start, alone, before, fold, kinds)
+                try_effect(Contest(problem, lines, fold, kinds), (kind,), start, alone, before)
                 for kind, start in zip(kinds, starts, strict=True)
             ]
             return before, found
