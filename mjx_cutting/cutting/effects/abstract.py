@@ -225,6 +225,12 @@ class AbstractEffect(eqx.Module):
         return np.asarray([start])
 
     @classmethod
+    def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:
+        """[n, size] where else to start from than at `coordinates` [size], which a fit has reached and which
+        may be the lesser of several optima; default nowhere."""
+        return np.zeros((0, cls.size(tool)))
+
+    @classmethod
     def identity(cls, tool: Tool) -> AbstractEffect:
         """The effect at no strength: the force path is left as it was."""
         values = []

@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
+from mjx_cutting.cutting.effects.coordinates import retuned
 from mjx_cutting.cutting.effects.registry import register
 from mjx_cutting.cutting.response import inertial_step, inertial_transfer
 from mjx_cutting.cutting.tool import Tool
@@ -88,6 +89,10 @@ class ClampMode(AbstractEffect):
     def starts(cls, tool: Tool) -> np.ndarray:
         frequencies = np.log(np.geomspace(20.0, 450.0, 14) / 100.0)
         return np.asarray([[0.5, f, slope, 0.0, 0.0] for f in frequencies for slope in (0.0, -3.0, 3.0)])
+
+    @classmethod
+    def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:
+        return retuned(coordinates, 1)
 
     @classmethod
     def identity(cls, tool: Tool) -> ClampMode:

@@ -20,6 +20,7 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
+from mjx_cutting.cutting.effects.coordinates import retuned
 from mjx_cutting.cutting.effects.registry import register
 from mjx_cutting.cutting.response import inertial_step, inertial_transfer
 from mjx_cutting.cutting.tool import Tool
@@ -89,3 +90,7 @@ class RobotMode(AbstractEffect):
                 for a in (0.3, 0.3 + np.pi / 2)
             ]
         )
+
+    @classmethod
+    def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:
+        return retuned(coordinates, 1)

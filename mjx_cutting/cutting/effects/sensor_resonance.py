@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
+from mjx_cutting.cutting.effects.coordinates import retuned
 from mjx_cutting.cutting.effects.registry import register
 from mjx_cutting.cutting.response import second_order_step, second_order_transfer
 from mjx_cutting.cutting.tool import Tool
@@ -65,3 +66,7 @@ class SensorResonance(AbstractEffect):
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
         return np.log([[share, 0.5] for share in np.geomspace(0.3, 3.5, 9)])
+
+    @classmethod
+    def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:
+        return retuned(coordinates, 0)

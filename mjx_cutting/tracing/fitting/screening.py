@@ -26,6 +26,8 @@ _TRIED = 3
 _FIRST_STEPS = 2
 _STEPS = 8
 _EXPLAINS = 1e-2
+_EXPLAINS_MUCH = 0.1
+_TRIED_AGAIN = 2
 Matrix = NDArray[np.floating]
 
 
@@ -79,6 +81,8 @@ def _screen(
         starts = starts[np.argsort(both.glance(starts, slope))[:_TRIED]]
     tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
     best, reached = both.descend(tries[0][0], _STEPS)
+    if reached < (1.0 - _EXPLAINS_MUCH) * squares:
+        best, reached = _again(both, best, reached, slope)
     share = max(0.0, 1.0 - reached / max(squares, 1e-300))
     shown = best if share > _EXPLAINS else starts[0]
     beside, measured = shown[None, : len(x)], so_far.measured
@@ -90,3 +94,14 @@ def _screen(
     )
     direction = surviving / max(size, 1e-300)
     return Screened(kind, best, share, min(1.0, size / max(whole, 1e-300)), size, direction)
+
+
+def _again(both: Descent, best: Matrix, reached: float, slope: Matrix) -> tuple[Matrix, float]:
+    """The unknowns reached, or better ones from where else the last effect may have its best."""
+    known = slope.shape[1]
+    own = both.effects[-1].again(best[known:], both.problem.tool)
+    if not len(own):
+        return best, reached
+    starts = np.concatenate([np.tile(best[:known], (len(own), 1)), own], axis=1)
+    nearest = starts[np.argsort(both.glance(starts, slope))[:_TRIED_AGAIN]]
+    return min([(best, reached), *(both.descend(one, _STEPS) for one in nearest)], key=lambda each: each[1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,8 @@ from mjx_cutting.tracing.fitting.fit import base_starts, fit, reweighted
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.fitting.screening import screen
 from mjx_cutting.tracing.records.lines import compress, trusted_band
-from mjx_cutting.trials.synthetic import Hidden
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
+from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
 KINDS = [effect_class(name) for name in ("radial_runout", "unequal_pitch", "size_effect", "side_friction")]
 
@@ -43,3 +46,47 @@ def test_directions_are_unit_vectors_and_cosines_tell_effects_apart(screened):
     first, second = screened["radial_runout"].direction, screened["unequal_pitch"].direction
     assert np.linalg.norm(first) == pytest.approx(1.0)
     assert abs(first @ second) < 0.8
+
+
+MODE = {"mass_ratio": 0.55, "frequency_hz": 41.0, "damping": 0.045, "direction_rad": 0.5}
+
+
+def _on_a_soft_arm(dataset: Dataset) -> Dataset:
+    """The trials as a wrist sensor on one mode of an arm has them, without the first half second."""
+    along = np.array([np.cos(MODE["direction_rad"]), np.sin(MODE["direction_rad"]), 0.0])
+    trials = []
+    for trial in dataset.trials:
+        count, rate_hz = len(trial.time_s), dataset.sensor.sample_rate_hz
+        ratio = np.fft.rfftfreq(count, 1.0 / rate_hz) / MODE["frequency_hz"]
+        felt = MODE["mass_ratio"] * ratio**2 / (1.0 - ratio**2 + 2j * MODE["damping"] * ratio)
+        more = np.fft.irfft(felt * np.fft.rfft(trial.force_n @ along), count)
+        late = slice(round(0.5 * rate_hz), count)
+        force = trial.force_n + more[:, None] * along
+        trials.append(replace(trial, force_n=force[late], time_s=trial.time_s[late] - trial.time_s[late][0]))
+    return replace(dataset, trials=tuple(trials))
+
+
+@pytest.mark.slow
+def test_a_mode_is_found_on_its_own_side_of_the_few_lines_that_show_it():
+    """Tooth passing stands at 32, 45 and 64 Hz: a mode at 52 Hz meets those lines better than any near it."""
+    cuts = [
+        Conditions(speed, speed * 32 * chip, 1.5e-3, 1e-3, "conventional")
+        for speed, chip in ((1.0, 8e-6), (1.0, 4.5e-5), (1.4, 4.5e-5), (2.0, 8e-6), (2.0, 2e-5))
+    ]
+    made = make_trials(
+        ToolInfo("slitting_saw", 32, 0.05),
+        Sheet((7.6e8, 2.3e8, 1.1e8), (2.1e4, 1.9e4, 4e3)),
+        cuts,
+        Sensor(1000.0, (0.2, 0.2, 0.2), anti_alias=AntiAlias(order=4, hz=400.0)),
+        duration_s=5.0,
+    )
+    dataset = _on_a_soft_arm(made)
+    with _platform.x64():
+        problem = pose(dataset, compress(dataset, trusted_band(dataset, None)))
+        problem = reweighted(problem, fit(problem, (), base_starts(problem)))
+        base = fit(problem, (), base_starts(problem))
+        (found,) = screen(problem, (), base.x, [effect_class("robot_mode")])
+    mode = effect_class("robot_mode").build(found.x[-4:], problem.tool)
+    assert found.share > 0.99
+    for name, true in MODE.items():
+        assert float(getattr(mode, name)) == pytest.approx(true, rel=0.02), name
