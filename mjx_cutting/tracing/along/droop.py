@@ -9,11 +9,14 @@ Held-out error: a speed may be up to 1 % off the stated one and is then fitted o
 is the base model fitted and scored with every speed within that reach of the stated one, "after" with every
 speed within that reach of what droop and e, fitted without the trial, say it is under load. Where no trial is
 slower than that reach, droop cannot lower the error and is not named.
+
+Where the speed itself was measured, as an angle or in a column, it is that of the loaded spindle, the nominal
+speeds are the stated ones, and no more is read from records: so drills and turning tools show droop too.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
@@ -33,7 +36,7 @@ from mjx_cutting.tracing.naming.decision import decide, interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, compress
-from mjx_cutting.tracing.records.spindle import SPREAD, stated_speed
+from mjx_cutting.tracing.records.spindle import SPREAD, measured_speed, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 NAME = "spindle_droop"
@@ -56,10 +59,12 @@ class Droop:
 def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
     """Droop beside what the search over lines found (call it in float64); None where no spindle is slow."""
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
-    stated = np.array([stated_speed(trial) for trial in trials])
-    known = any(trial.spindle_angle_rad is not None for trial in trials)
+    measured = all(measured_speed(trial) is not None for trial in trials)
+    stated = np.array([each.spindle_speed_rev_s if measured else stated_speed(each) for each in trials])
     slow = lines.speed_rev_s < (1.0 - SPREAD) * stated
-    if dataset.tool.kind in LEVEL_KINDS or known or len(trials) < 4 or not slow.any():
+    in_part = any(trial.spindle_angle_rad is not None for trial in trials)
+    unread = not measured and (in_part or dataset.tool.kind in LEVEL_KINDS)
+    if unread or len(trials) < 4 or not slow.any():
         return None
     kind = effect_class(NAME)
     loss = stated - lines.speed_rev_s
@@ -71,16 +76,16 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
         model = jax.tree.map(lambda leaf, f=f: leaf[f], found.final.fits.model)
         keep = fold != f
         own = _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])
-        about = loaded_about(dataset, model.with_effects(kind(max(own.droop, 0.0))), own.off)
+        about = loaded_about(dataset, model.with_effects(kind(max(own.droop, 0.0))), stated, own.off)
         laws.append(own.droop)
         centres[~keep] = about[~keep]
-    near = compress(dataset, lines.band_hz, about_rev_s=stated, orders=lines.orders)
+    near = _near(dataset, lines, stated, measured)
     problem, base = fit_base(pose(dataset, near))
     before = held_out(problem, near, (), base.x, found.base.fold)
-    after = _within_reach(dataset, lines, found, centres, stated)
+    after = _within_reach(dataset, lines, found, centres, measured)
     parameters = {"droop_rev_s_nm": interval(kind, "droop_rev_s_nm", law.droop, np.array(laws), law.spread)}
     # the trials speak through the law of the losses, of which few may be beyond what a stated speed may err
-    rigid = _within_reach(dataset, lines, found, stated, stated)
+    rigid = _within_reach(dataset, lines, found, stated, measured)
     decision = decide(kind, rigid, after, law.chance * 0.01 / CHANCE, parameters, over_trials=False)
     effect = kind(law.droop)
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
@@ -132,11 +137,20 @@ def _law(loss: Array, torque: Array, stated: Array) -> Law:
     return Law(float(weights[0]), float(weights[1]), spread, beyond, along)
 
 
-def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array, stated: Array) -> HeldOut:
+def _near(dataset: Dataset, lines: Lines, about_rev_s: Array, measured: bool) -> Lines:
+    """The lines of the trials at speeds within reach of those [R]; measured ones are brought there."""
+    if not measured:
+        return compress(dataset, lines.band_hz, about_rev_s=about_rev_s, orders=lines.orders)
+    reach = SPREAD * about_rev_s
+    speeds = np.clip(lines.speed_rev_s, about_rev_s - reach, about_rev_s + reach)
+    return replace(lines, speed_rev_s=speeds)
+
+
+def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array, measured: bool) -> HeldOut:
     """Held-out error of the final model, every speed within reach of what droop says."""
-    if np.all(np.abs(lines.speed_rev_s - centres) <= SPREAD * stated):
+    if np.all(np.abs(lines.speed_rev_s - centres) <= SPREAD * centres):
         return found.final
-    near = compress(dataset, lines.band_hz, about_rev_s=centres, orders=lines.orders)
+    near = _near(dataset, lines, centres, measured)
     problem, old = pose(dataset, near), found.final
     assert old.fits is not None
     fits = Descent(problem, found.effects).fits(

@@ -83,7 +83,8 @@ def predict_trials(
     """
     with _platform.x64():
         dataset = as_levels(dataset)
-        lines = compress(dataset, trusted_band(dataset, band_hz), loaded_about(dataset, model))
+        stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])
+        lines = compress(dataset, trusted_band(dataset, band_hz), loaded_about(dataset, model, stated))
         problem = pose(dataset, lines)
         found = predictions(dataset, lines, problem, model)
         if not problem.shared_bias:
@@ -145,13 +146,11 @@ def predictions(
     return tuple(results)
 
 
-def loaded_about(dataset: Dataset, model: ForceModel, error: float = 0.0) -> Array:
-    """[R] speeds of the cut trials by the record, slowed by the model's droop where it has one, rev/s.
-
-    `error` is the relative error of the stated speeds.
-    """
+def loaded_about(dataset: Dataset, model: ForceModel, stated_rev_s: Array, error: float = 0.0) -> Array:
+    """[R] speeds of the cut trials, stated as `stated_rev_s`, slowed by the model's droop where it has one,
+    rev/s. `error` is the relative error of the stated speeds."""
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
-    stated = (1.0 + error) * np.array([stated_speed(trial) for trial in trials])
+    stated = (1.0 + error) * stated_rev_s
     rigid, droop = _at_loaded_speed(model)
     if droop is None:
         return stated

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.spindle import spindle_angle, spindle_speed, spindle_speeds
+from mjx_cutting.tracing.records.spindle import (
+    measured_speed,
+    spindle_angle,
+    spindle_speed,
+    spindle_speeds,
+    stated_speed,
+)
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 Array = NDArray[np.floating]
@@ -138,7 +144,7 @@ def compress(
     if not trials:
         raise ValueError("the dataset has no cut trial; tracing needs at least one of kind 'cut'")
     if dataset.tool.kind in LEVEL_KINDS:
-        speeds, orders = np.array([trial.spindle_speed_rev_s for trial in trials]), 0
+        speeds, orders = np.array([measured_speed(trial) or stated_speed(trial) for trial in trials]), 0
     elif about_rev_s is None:
         speeds = spindle_speeds(trials, dataset.tool)
     else:

@@ -55,6 +55,14 @@ def stated_speed(trial: Trial) -> float:
     return trial.spindle_speed_rev_s if measured is None else float(np.mean(measured))
 
 
+def measured_speed(trial: Trial) -> float | None:
+    """What a measured angle, else a speed column, says of the spindle speed, rev/s; None without either."""
+    if trial.spindle_angle_rad is not None:
+        return float(np.polyfit(trial.time_s, np.unwrap(trial.spindle_angle_rad), 1)[0] / (2.0 * np.pi))
+    measured = trial.spindle_speed_measured_rev_s
+    return None if measured is None else float(np.mean(measured))
+
+
 def spindle_speed(trial: Trial, teeth: int, about_rev_s: float | None = None) -> float:
     """The trial's spindle speed, rev/s.
 
@@ -66,9 +74,8 @@ def spindle_speed(trial: Trial, teeth: int, about_rev_s: float | None = None) ->
     Returns the middle of the range where the record is silent.
     """
     middle = stated_speed(trial) if about_rev_s is None else about_rev_s
-    if trial.spindle_angle_rad is not None:
-        angle = np.unwrap(trial.spindle_angle_rad)
-        return float(np.polyfit(trial.time_s, angle, 1)[0] / (2.0 * np.pi))
+    if trial.spindle_angle_rad is not None and (turned := measured_speed(trial)) is not None:
+        return turned
     signal, time = _windowed(trial)
     if not signal.any():
         return middle

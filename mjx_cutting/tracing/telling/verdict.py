@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
+from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.slow import SlowRound
 from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -20,6 +21,7 @@ from mjx_cutting.tracing.records.course import feeds_differ
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.noise import noise_floor
+from mjx_cutting.tracing.records.spindle import measured_speed
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.separation import separations
 from mjx_cutting.tracing.telling.unseen import BESIDE_LINES, needs
@@ -104,6 +106,9 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
         if absent:
             missing.append({"name": name, "needs": ", ".join(absent)})
+        elif dataset.tool.kind in LEVEL_KINDS and name == DROOP:
+            if any(measured_speed(trial) is None for trial in cuts):
+                missing.append({"name": name, "needs": "spindle angle or spindle speed"})
         elif dataset.tool.kind in LEVEL_KINDS and not (name in slow or _shows_in_levels(effect_class(name))):
             missing.append({"name": name, "needs": "a cutter whose force changes over a turn"})
         elif name in BY_PLACE and not feeds_differ([trial.feed_speed_m_s for trial in cuts]):

@@ -10,6 +10,7 @@ from benchmarks.study import make
 from mjx_cutting.tracing import predict_trials, trace
 from mjx_cutting.tracing.along.droop import CHANCE, _law
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
+from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 STATED = np.array([40.0, 40.0, 52.0, 52.0, 66.0, 66.0, 40.0, 52.0])
 TORQUE = np.array([1.0, 3.0, 1.2, 2.5, 0.9, 2.0, 4.5, 4.0])
@@ -68,3 +69,53 @@ def test_droop_is_named_with_its_stiffness_and_the_model_finds_the_speeds_again(
     again = predict_trials(case.dataset, found.model)
     left = np.sqrt(sum(np.sum(p.residual_n**2) for p in again) / sum(np.sum(p.measured_n**2) for p in again))
     assert left < 1.2 * after
+
+
+def _drilled(stiffness_nms: float, with_angle: bool) -> Dataset:
+    """Ten holes at five feeds with a spindle that loses a revolution a second for every so many N m."""
+    generator, trials = np.random.default_rng(0), []
+    radius, rate_hz = 5e-3, 500.0
+    time = np.arange(600) / rate_hz
+    for index in range(10):
+        nominal, feed = (25.0, 40.0)[index % 2], (2e-5, 5e-5, 1e-4, 1.6e-4, 2e-4)[index // 2]
+        speed, push = nominal, nominal * feed
+        for _ in range(20):
+            torque = 2 * radius * (1.9e9 * push / (2 * speed) + 2e4) * radius / 2.0
+            speed = nominal - torque / stiffness_nms
+        thrust = 2 * radius * (1.2e9 * push / (2 * speed) + 3e4)
+        force = np.full((600, 3), np.nan)
+        force[:, 2] = thrust + generator.normal(0.0, 2.0, 600)
+        trials.append(
+            Trial(
+                file=f"h{index}.csv",
+                kind="cut",
+                milling=None,
+                spindle_speed_rev_s=nominal,
+                feed_speed_m_s=push,
+                radial_depth_m=radius,
+                axial_width_m=radius,
+                time_s=time,
+                force_n=force,
+                torque_nm=torque + generator.normal(0.0, 0.005, 600),
+                spindle_angle_rad=2.0 * np.pi * speed * time + 1.0 if with_angle else None,
+            )
+        )
+    sensor = Sensor(rate_hz, zeroed="session")
+    return Dataset(name="holes", tool=ToolInfo("drill", 2, 2 * radius), sensor=sensor, trials=tuple(trials))
+
+
+def test_a_drill_shows_droop_where_its_angle_was_measured():
+    found = trace(_drilled(5.0, with_angle=True))
+    (named,) = found.verdict["effects"]
+    assert named["name"] == "spindle_droop" and found.verdict["verdict"] == "explained"
+    assert named["parameters"]["droop_rev_s_nm"]["value"] == pytest.approx(0.2, rel=0.03)
+    assert found.verdict["after"]["heldout_nrmse"] < 0.5 * found.verdict["before"]["heldout_nrmse"]
+
+
+def test_a_drill_of_which_no_speed_was_measured_cannot_show_it():
+    verdict = trace(_drilled(5.0, with_angle=False), effects=["spindle_droop"]).verdict
+    assert verdict["effects"] == []
+    needs = {each["name"]: each["needs"] for each in verdict["not_testable"]}
+    assert needs["spindle_droop"] == "spindle angle or spindle speed"
+    stiff = trace(_drilled(1e6, with_angle=True), effects=["spindle_droop"]).verdict
+    assert stiff["verdict"] == "nothing missing" and stiff["effects"] == []
