@@ -28,6 +28,9 @@ class Trace:
     effects: tuple[str, ...] | None = None
     """Effects to try. Default: every registered one that these trials can test."""
 
+    material: str | None = None
+    """Material of the trials to trace. Default: that of most, where the others are unlike it, else of all."""
+
     seed: int = 0
     """Seed of the folds, where there are more than twelve trials."""
 
@@ -44,7 +47,12 @@ class Trace:
             Console(stderr=True).status("starting") as status,
         ):
             tracing = trace(
-                dataset, band_hz=self.band, effects=self.effects, seed=self.seed, progress=status.update
+                dataset,
+                band_hz=self.band,
+                effects=self.effects,
+                material=self.material,
+                seed=self.seed,
+                progress=status.update,
             )
             status.update("writing the report")
             save(tracing, staged)

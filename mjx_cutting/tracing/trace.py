@@ -26,6 +26,7 @@ from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.naming.decision import gain_over_trials
 from mjx_cutting.tracing.once import Pass, for_use, in_ramps, near_floor, once
+from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.sheet import inside_the_sheet
@@ -66,6 +67,7 @@ def trace(
     *,
     band_hz: tuple[float, float] | None = None,
     effects: Sequence[str] | None = None,
+    material: str | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Tracing:
@@ -75,12 +77,18 @@ def trace(
         dataset: trials of one tool; at least two of kind "cut".
         band_hz: band in which the sensor is trusted; default the anti-alias corner or half the sampling rate.
         effects: names to try; default every registered effect that the data can test.
+        material: of the trials traced; default that of most, where the others are unlike it, else of all.
         seed: for the folds of more than twelve trials.
         progress: told what is being tried.
 
     Raises:
-        ValueError: unknown effect, fewer than two cut trials, or an empty band.
+        ValueError: unknown effect or material, fewer than two cut trials, or an empty band.
     """
+    _check(dataset)
+    _platform.spare_mappings()
+    with _platform.x64():
+        dataset = of_one_material(dataset, trusted_band(dataset, band_hz), material)
+    _check(dataset)
     found = _trace(dataset, band_hz, effects, seed, progress)
     if found.verdict["verdict"] != "unexplained" or (one := spoiled(found.dataset, found.final)) is None:
         return found
@@ -101,9 +109,7 @@ def _trace(
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
-    _check(dataset)
     dataset = as_levels(dataset)
-    _platform.spare_mappings()
     with _platform.x64():
         band = trusted_band(dataset, band_hz)
         dataset, on_path = steady_cuts(dataset)

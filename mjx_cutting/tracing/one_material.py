@@ -1,0 +1,77 @@
+"""Sheets of several materials in one session: a force model has the constants of one.
+
+Trials whose records name other materials than most do are left out, by name, where one set of constants
+makes their force too large or too small. Labels that tell sheets of the same stuff apart, of which the forces
+differ by less than a tenth, leave nothing out.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+
+from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.prediction import predictions
+from mjx_cutting.tracing.fitting.problem import pose, shared_bias
+from mjx_cutting.tracing.records.levels import as_levels
+from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.tracing.telling.own_factor import own_factors
+from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
+
+_FEWEST = 4
+_UNLIKE = 0.1
+
+
+def of_one_material(dataset: Dataset, band_hz: tuple[float, float], asked: str | None = None) -> Dataset:
+    """The trials of one material and those in the air (call it in float64).
+
+    Arguments:
+        dataset: trials of any materials; `band_hz` in which they are compared.
+        asked: the material; default that of most trials, where the others are unlike it.
+
+    Raises:
+        ValueError: no trial is of the material asked for.
+    """
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    often = Counter(trial.material for trial in cuts if trial.material is not None)
+    if asked is not None and asked not in often:
+        known = ", ".join(sorted(often)) or "none named"
+        raise ValueError(
+            f"material: got {asked!r}, expected one of the cut trials' ({known}); name one of those."
+        )
+    if asked is None and len(often) < 2:
+        return dataset
+    name = often.most_common(1)[0][0] if asked is None else asked
+    alone = replace(dataset, trials=tuple(each for each in dataset.trials if _may_stay(each, name)))
+    if asked is None and (often[name] < _FEWEST or not _unlike(dataset, name, band_hz)):
+        return dataset
+    kept = {trial.file for trial in alone.trials}
+    others = tuple(
+        LeftOut(
+            each.file,
+            f"got a sheet of {each.material!r}, expected {name!r}, as {often[name]} trials have: a model has "
+            "the constants of one material; trace the others by themselves (--material).",
+        )
+        for each in cuts
+        if each.file not in kept
+    )
+    return replace(alone, left_out=(*dataset.left_out, *others))
+
+
+def _may_stay(trial: Trial, name: str) -> bool:
+    return trial.kind != "cut" or trial.material == name
+
+
+def _unlike(dataset: Dataset, name: str, band_hz: tuple[float, float]) -> bool:
+    """Whether one set of constants for all trials asks the force of another material for a factor clearly
+    other than that of `name`, whatever else is missing in both."""
+    trials = as_levels(dataset)
+    lines = compress(trials, band_hz)
+    problem, base = fit_base(pose(trials, lines))
+    told = predictions(trials, lines, problem, base.model, shared_bias(problem, base.x))
+    factor = 1.0 + own_factors(told).factor
+    material = np.array([trial.material or "" for trial in trials.trials if trial.kind == "cut"])
+    usual = {each: float(np.median(factor[material == each])) for each in np.unique(material)}
+    return any(abs(each / usual[name] - 1.0) > _UNLIKE for each in usual.values())

@@ -1,0 +1,56 @@
+"""A session on two materials is traced on that of most trials; labels of like sheets change nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing import trace
+from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.synthetic import Hidden
+
+EFFECTS = ["radial_runout"]
+
+
+def _labelled(dataset: Dataset, names: list[str]) -> Dataset:
+    trials = (replace(trial, material=name) for trial, name in zip(dataset.trials, names, strict=True))
+    return replace(dataset, trials=tuple(trials))
+
+
+def _with_two_of_another(dataset: Dataset, factor: float) -> Dataset:
+    """The second and sixth trial with a force so much larger, of a sheet of its own name."""
+    names = ["steel", "brass", "steel", "steel", "steel", "brass"]
+    trials = [
+        replace(trial, force_n=factor * trial.force_n) if name == "brass" else trial
+        for trial, name in zip(dataset.trials, names, strict=True)
+    ]
+    return _labelled(replace(dataset, trials=tuple(trials)), names)
+
+
+def test_what_is_cut_of_another_material_is_left_out_by_name(mill):
+    verdict = trace(_with_two_of_another(mill(Hidden(runout_m=1e-5)), 0.4), effects=EFFECTS).verdict
+    assert [each["name"] for each in verdict["effects"]] == ["radial_runout"]
+    assert verdict["after"]["heldout_nrmse"] < 1.2 * verdict["noise_floor_nrmse"]
+    assert [each["file"] for each in verdict["left_out"]] == ["t02.csv", "t06.csv"]
+    assert all("'brass'" in each["reason"] and "'steel'" in each["reason"] for each in verdict["left_out"])
+
+
+def test_labels_of_sheets_that_are_alike_leave_none_out(mill):
+    dataset = _labelled(mill(), ["sheet 1"] * 4 + ["sheet 2"] * 2)
+    verdict = trace(dataset, effects=EFFECTS).verdict
+    assert verdict["verdict"] == "nothing missing" and verdict["left_out"] == []
+
+
+def test_the_material_asked_for_is_traced(mill):
+    dataset = _with_two_of_another(mill(), 0.4)
+    verdict = trace(dataset, effects=EFFECTS, material="brass").verdict
+    assert [each["file"] for each in verdict["left_out"]] == [f"t0{index}.csv" for index in (1, 3, 4, 5)]
+    with pytest.raises(ValueError, match=r"got 'mica', expected one of the cut trials' \(brass, steel\)"):
+        trace(dataset, effects=EFFECTS, material="mica")
+
+
+def test_without_labels_all_trials_are_of_one_material(mill):
+    verdict = trace(mill(), effects=EFFECTS).verdict
+    assert verdict["left_out"] == [] and np.isfinite(verdict["before"]["heldout_nrmse"])
