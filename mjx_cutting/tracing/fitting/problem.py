@@ -34,7 +34,7 @@ TOLERANCE = 0.003
 """Share of the force by which two calculations of it may differ."""
 CONSTANTS = 6
 _SMALL_FEED = 0.02
-_OF_PATH = 0.6
+_OF_PATH = 0.4
 _IN_PLANE = (0, 1, 3, 4)
 _ANGLES_PER_TOOTH = 24
 _FEWEST_ANGLES = 128
@@ -182,7 +182,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
 
 def _tolerance(trials: Sequence[Trial], tool: ToolInfo) -> float:
     """Share of the force that the model's own calculation may be off. Of the chip, the true path of a tooth
-    changes up to 0.6 c / R, with c the feed per tooth (Martellotti 1941: c^2 cos^2 / 2 R beside c sin)."""
+    changes about 0.4 c / R, with c the feed per tooth (Martellotti 1941: c^2 cos^2 / 2 R beside c sin)."""
     if tool.kind in LEVEL_KINDS:
         return TOLERANCE
     fed_m = max(trial.feed_speed_m_s / (tool.teeth * trial.spindle_speed_rev_s) for trial in trials)

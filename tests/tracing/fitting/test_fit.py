@@ -136,7 +136,7 @@ def test_orders_heard_in_no_trial_take_no_room(mill):
 
 
 def test_a_large_feed_per_tooth_is_trusted_less(mill, posed):
-    """The chip is that of a circular path: at c = 0.05 R the true one differs by up to 3 %."""
+    """The chip is that of a circular path: at c = 0.05 R the true one differs by 2 % of the force."""
     made = mill()
     with jax.enable_x64(True):
         assert posed(made)[1].tolerance == TOLERANCE
@@ -144,4 +144,4 @@ def test_a_large_feed_per_tooth_is_trusted_less(mill, posed):
         fed_m = 0.05 * 0.5 * made.tool.diameter_m
         fast = dataclasses.replace(first, feed_speed_m_s=fed_m * made.tool.teeth * first.spindle_speed_rev_s)
         faster = dataclasses.replace(made, trials=(fast, *rest))
-        assert posed(faster)[1].tolerance == pytest.approx(0.03)
+        assert posed(faster)[1].tolerance == pytest.approx(0.02)
