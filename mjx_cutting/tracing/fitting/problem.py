@@ -28,13 +28,11 @@ from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import helix_gain, line_gain
 from mjx_cutting.tracing.records.lines import Lines
-from mjx_cutting.trials.dataset import Dataset, ToolInfo, Trial
+from mjx_cutting.trials.dataset import Dataset, Trial
 
 TOLERANCE = 0.003
 """Share of the force by which two calculations of it may differ."""
 CONSTANTS = 6
-_SMALL_FEED = 0.02
-_OF_PATH = 0.4
 _IN_PLANE = (0, 1, 3, 4)
 _ANGLES_PER_TOOTH = 24
 _FEWEST_ANGLES = 128
@@ -68,8 +66,7 @@ class Problem(eqx.Module):
         motion: [R, K, 3] lines of the tool's motion at its measured angle, m, which is then no unknown; None
             for a straight path and phases of the trials' own.
         trust: [R, 3] factor on the weight of each trial; None: one.
-        tolerance: share of the force by which any model of it may be wrong (static): more where the feed per
-            tooth is not small against the radius, for which the chip of a circular path is taken.
+        tolerance: share of the force by which any model of it may be wrong (static).
         given: effects that every model has, and that are not looked for (static).
         air: levels in air, where all trials share one bias.
         alive: axes on which anything was recorded; of the others nothing is predicted (static).
@@ -176,18 +173,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
         air=air,
         alive=_alive(trials),
-        tolerance=_tolerance(trials, dataset.tool),
     )
-
-
-def _tolerance(trials: Sequence[Trial], tool: ToolInfo) -> float:
-    """Share of the force that the model's own calculation may be off. Of the chip, the true path of a tooth
-    changes about 0.4 c / R, with c the feed per tooth (Martellotti 1941: c^2 cos^2 / 2 R beside c sin)."""
-    if tool.kind in LEVEL_KINDS:
-        return TOLERANCE
-    fed_m = max(trial.feed_speed_m_s / (tool.teeth * trial.spindle_speed_rev_s) for trial in trials)
-    share = fed_m / (0.5 * tool.diameter_m)
-    return TOLERANCE if share < _SMALL_FEED else _OF_PATH * share
 
 
 def _heard(lines: Lines) -> np.ndarray[Any, Any]:
