@@ -57,18 +57,6 @@ def test_out_of_a_pocket_the_arc_is_full_at_once(mill):
         assert first < low < first + 0.08 and last - 0.08 < high < last
 
 
-def test_a_record_that_begins_in_the_air_for_less_than_two_turns_is_cut_down(mill):
-    made = mill()
-    first, *rest = made.trials
-    air_s = 1.8 / first.spindle_speed_rev_s
-    force = np.where((first.time_s < air_s)[:, None], 0.0, first.force_n)
-    found = engaged(replace(made, trials=(replace(first, force_n=force), *rest)))
-    assert found is not None and set(found.spans_s) == {first.file}
-    low, high = found.spans_s[first.file]
-    assert air_s <= low < air_s + 5.0 / first.spindle_speed_rev_s and high == first.time_s[-1]
-    assert engaged(made) is None
-
-
 def test_a_sheet_shorter_than_the_way_in_never_holds_the_tool_fully(saw):
     """Its force is highest early, as out of a pocket, but it takes many turns to get there."""
     made, trials = saw(), []
