@@ -11,7 +11,6 @@ from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.trials.dataset import Dataset
 
 _FEWEST = 64
-_FEWEST_TURNS = 16.0
 _NEAR = 101
 _ABOVE = 16.0
 _LEAKS = 5
@@ -23,28 +22,25 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
     of the spindle and any other; for levels, of which all that changes in a trial lies beside, from what is
     alike at all frequencies.
 
-    Of a drill that is so whatever is stated: thrust and torque have no common noise. Noise may grow with the
-    force: what cuts show to be alike at all frequencies counts where it is more than that in the air.
+    Of a drill that is so whatever is stated: thrust and torque have no common noise.
     """
     rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
     force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
     air = [trial for trial in dataset.trials if trial.kind == "air"]
-    cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
     if air:
-        power = np.mean([np.mean(power_between_lines(trial.force_n, rate, band)) for trial in air])
+        noise = np.sqrt(np.mean([np.mean(power_between_lines(trial.force_n, rate, band)) for trial in air]))
     elif dataset.sensor.noise_std_n is not None and dataset.tool.kind != "drill":
-        power = np.mean(np.square(dataset.sensor.noise_std_n)) * (band[1] - band[0]) / (0.5 * rate)
+        share = (band[1] - band[0]) / (0.5 * rate)
+        noise = np.sqrt(np.mean(np.square(dataset.sensor.noise_std_n)) * share)
     elif dataset.tool.kind in LEVEL_KINDS:
-        power = np.mean([np.mean(white_power(each, rate, band)) for each in cuts])
+        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
+        noise = np.sqrt(np.mean([np.mean(white_power(each, rate, band)) for each in cuts]))
     else:
         rest = lines.rest_n2.sum() / (3.0 * lines.samples.sum())
+        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
         between = np.mean([np.mean(power_between_lines(each, rate, band)) for each in cuts])
-        power = min(rest, between)
-    # lines that stand close leave no room between them
-    turns = [len(each) / rate * speed for each, speed in zip(cuts, lines.speed_rev_s, strict=True)]
-    if dataset.tool.kind not in LEVEL_KINDS and min(turns) >= _FEWEST_TURNS:
-        power = max(power, np.mean([np.mean(white_power(each, rate, band)) for each in cuts]))
-    return float(np.sqrt(power) / max(force, 1e-12))
+        noise = np.sqrt(min(rest, between))
+    return float(noise / max(force, 1e-12))
 
 
 def white_power(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> NDArray[np.float64]:

@@ -59,19 +59,3 @@ def test_a_wave_along_the_sheet_is_no_noise_of_a_sensor_of_which_none_was_stated
     with _platform.x64():
         quiet, heard = (noise_floor(each, posed(each)[0]) for each in (made, replace(made, trials=waved)))
     assert heard == pytest.approx(quiet, rel=0.3)
-
-
-def test_noise_that_grows_with_the_force_is_read_in_the_cut(mill, posed):
-    """What is stated, or seen in the air, is the least of it; lines of the teeth are no part of it."""
-    made, generator = mill(), np.random.default_rng(8)
-    louder = tuple(
-        replace(t, force_n=t.force_n + 0.05 * np.abs(t.force_n) * generator.normal(size=t.force_n.shape))
-        for t in made.trials
-    )
-    with _platform.x64():
-        stated, heard = (noise_floor(each, posed(each)[0]) for each in (made, replace(made, trials=louder)))
-    inside = 0.4  # of the noise lies in the band of 1000 of 2500 Hz
-    rms = [np.sqrt(np.mean(t.force_n**2)) for t in made.trials]
-    quiet = np.sqrt(np.mean(np.square(made.sensor.noise_std_n)) * inside / np.mean(np.square(rms)))
-    assert stated == pytest.approx(quiet, rel=0.05)
-    assert heard == pytest.approx(np.hypot(quiet, 0.05 * np.sqrt(inside)), rel=0.1)
