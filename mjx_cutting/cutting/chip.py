@@ -9,6 +9,9 @@ the textbook c sin th (Martellotti 1941, circular path: valid while the feed per
 tooth whose bracket is negative does not touch the sheet, so it rubs nothing either. Without carry-over a saw
 with small chips would remove more than is fed.
 
+On their true path teeth meet a surface that is curved, and left a little earlier or later than a circle would
+have it: `fed`.
+
 Where the tool's centre moves within a turn, by u(angle of the tool) alike in every turn, a tooth reaches
 u . (sin th, cos th) further, and r_j is a function of th.
 """
@@ -42,6 +45,8 @@ class Cutter(NamedTuple):
         even: True while all teeth are alike and evenly spaced (static: it saves the comparison over m).
         path: [K, 2] complex lines of the centre's motion in x and y at orders 1 to K of the tool's angle, m:
             u = Re(2 sum over n of path_n exp(i n angle)); None where it goes straight.
+        curvature_1_m: [] curvature 1 / R of the surfaces that teeth leave, 1/m; None where they are taken as
+            circles one beside the other.
     """
 
     lag_rad: Array
@@ -50,6 +55,7 @@ class Cutter(NamedTuple):
     slices: int
     even: bool
     path: Array | None = None
+    curvature_1_m: Array | None = None
 
     def gap_rad(self) -> Array:
         """[N] angle between each tooth and the one before it, rad."""
@@ -105,11 +111,11 @@ def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array, cell_rad: 
 
 def _bare(cutter: Cutter, cut: Cut, tool: Tool, angle: Array, behind: Array) -> tuple[Array, Array]:
     """[..., S, N] chip thickness, negative where a tooth does not reach the sheet, m; feed per tooth, m."""
-    sine, feed_m = jnp.sin(angle), jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
+    feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
     each_m = feed_m / tool.teeth
     if cutter.even:
-        return each_m * sine, each_m
-    return carried_over(cutter, feed_m, sine, _reach(cutter, angle, behind)), each_m
+        return fed(cutter, each_m, feed_m, angle), each_m
+    return carried_over(cutter, feed_m, angle, _reach(cutter, angle, behind)), each_m
 
 
 def _begun(bare_m: Array, ramp_m: Array) -> Array:
@@ -149,11 +155,28 @@ def _reach(cutter: Cutter, angle: Array, behind: Array) -> Array:
     return cutter.radius_m + shift[..., 0] * jnp.sin(angle) + shift[..., 1] * jnp.cos(angle)
 
 
-def carried_over(cutter: Cutter, feed_m: Array, sine: Array, reach_m: Array) -> Array:
-    """[..., S, N] min over m of advance x sine + r_j - r_{j-m}, from the teeth's reach [N] or [..., S, N]."""
+def fed(cutter: Cutter, advance_m: Array, feed_m: Array, angle: Array) -> Array:
+    """[...] thickness between the path of a tooth at `angle` and that of one that passed while the tool
+    advanced by `advance_m`, of `feed_m` a revolution, m.
+
+    On the true path the earlier tooth was there by d cos th / R of its turn later, so that the tool advanced
+    by d = advance / (1 + feed cos th / (2 pi R)), and h = d sin th + (d cos th)^2 / 2 R: Martellotti, Trans.
+    ASME 63 (1941) 677-700, to second order in d / R (5e-4 of the chip at d / R = 0.05).
+    """
+    if cutter.curvature_1_m is None:
+        return advance_m * jnp.sin(angle)
+    cosine = jnp.cos(angle)
+    advance_m = advance_m / (1.0 + cutter.curvature_1_m * feed_m * cosine / (2.0 * jnp.pi))
+    return advance_m * jnp.sin(angle) + 0.5 * cutter.curvature_1_m * (advance_m * cosine) ** 2
+
+
+def carried_over(cutter: Cutter, feed_m: Array, angle: Array, reach_m: Array) -> Array:
+    """[..., S, N] min over m of what is `fed` between the two + r_j - r_{j-m}, from the teeth's reach [N] or
+    [..., S, N]."""
     before, apart = earlier_passes(cutter, cutter.lag_rad.shape[0])
     step = reach_m[..., None] - reach_m[..., before]
-    return jnp.min((feed_m * sine)[..., None] * (apart / (2.0 * np.pi)) + step, axis=-1)
+    feed_m, angle = feed_m[..., None], angle[..., None]
+    return jnp.min(fed(cutter, feed_m * (apart / (2.0 * np.pi)), feed_m, angle) + step, axis=-1)
 
 
 def earlier_passes(cutter: Cutter, passes: int) -> tuple[NDArray[np.int64], Array]:

@@ -24,6 +24,7 @@ from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
 from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
+from mjx_cutting.tracing.fitting.tooth_path import on_true_path
 from mjx_cutting.tracing.naming.decision import gain_over_trials
 from mjx_cutting.tracing.once import Pass, for_use, in_ramps, near_floor, once
 from mjx_cutting.tracing.one_material import of_one_material
@@ -185,6 +186,11 @@ def _where_engaged(found: Pass, one_pass: Callable[[Dataset], Pass]) -> tuple[Pa
 
 def _caveats(found: Pass, *others: Reading | Unnamed | Above | Engaged | None) -> tuple[str, ...]:
     caveats = [str(each) for each in others if each is not None]
+    if on_true_path(found.search.problem):
+        caveats.append(
+            "the feed per tooth is not small against the radius, and these trials have the teeth on their "
+            "true path, not on circles (a chip of c sin th): so has the base model, in the error before too"
+        )
     motion = found.search.problem.motion
     if motion is not None:
         moved_m = np.sqrt(2.0 * np.sum(np.abs(np.asarray(motion)[..., :2]) ** 2, axis=(1, 2)))

@@ -2,8 +2,9 @@
 
 Written apart from `mjx_cutting.cutting` and in another way, so that agreement between the two means
 something: the surface that each tooth leaves is tracked over the angle, tooth after tooth, on 7,200 angles a
-turn, instead of evaluating a closed form for the chip; filters are run in time on an oversampled record.
-Steady cuts only: a trial begins and ends in full engagement.
+turn, instead of evaluating a closed form for the chip; on the true path, where a tooth was when it left that
+surface is found by iteration; filters are run in time on an oversampled record. Steady cuts only: a trial
+begins and ends in full engagement.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 Array = NDArray[np.float64]
 _ANGLES = 7200
 _TURNS = 4
+_ITERATIONS = 12
 _HELIX_SLICES = 24
 _OVERSAMPLED_HZ = 100_000.0
 _SETTLE_S = 0.2
@@ -49,7 +51,7 @@ class Hidden:
     """Effects put into the trials; all absent by default.
 
     runout_m and runout_angle_rad; pitch_error_rad, one a tooth; size_exponent (Kienzle, about 50 um);
-    resonance_hz and resonance_damping of the sensor.
+    resonance_hz and resonance_damping of the sensor; true_path: teeth on trochoids, not on circles.
     """
 
     runout_m: float = 0.0
@@ -58,6 +60,7 @@ class Hidden:
     size_exponent: float = 0.0
     resonance_hz: float = 0.0
     resonance_damping: float = 0.05
+    true_path: bool = False
 
 
 def make_trials(
@@ -134,16 +137,10 @@ def one_turn(tool: ToolInfo, sheet: Sheet, cut: Conditions, hidden: Hidden) -> A
     last = np.pi if cut.milling == "climb" else exit_
     inside = (angle >= entry) & (angle <= last)
     advance_m_rad = cut.feed_speed_m_s / (2.0 * np.pi * cut.spindle_speed_rev_s)
-    surface = np.full(_ANGLES, reach.max())
-    chips = np.zeros((teeth, _ANGLES))
-    before = lag[-1] - 2.0 * np.pi
-    for _ in range(_TURNS):
-        for tooth in range(teeth):
-            fed = (lag[tooth] - before) % (2.0 * np.pi) if teeth > 1 else 2.0 * np.pi
-            surface = surface - fed * advance_m_rad * np.sin(angle)
-            chips[tooth] = reach[tooth] - surface
-            surface = np.maximum(surface, reach[tooth])
-            before = lag[tooth]
+    if hidden.true_path:
+        chips = _on_true_path(angle, lag, radius + reach, advance_m_rad)
+    else:
+        chips = _on_circles(angle, lag, reach, advance_m_rad)
     wave = np.zeros((_ANGLES, 3))
     for tooth in range(teeth):
         local = _edge(chips[tooth], sheet, hidden) * (inside & (chips[tooth] > 0.0))[:, None]
@@ -160,6 +157,41 @@ def one_turn(tool: ToolInfo, sheet: Sheet, cut: Conditions, hidden: Hidden) -> A
     whole_lag = 2.0 * cut.axial_width_m * np.tan(tool.helix_rad) / tool.diameter_m
     share = (np.arange(slices) + 0.5) / slices
     return cut.axial_width_m / slices * np.sum([_delayed(wave, whole_lag * each) for each in share], axis=0)
+
+
+def _on_circles(angle: Array, lag: Array, reach: Array, advance_m_rad: float) -> Array:
+    """[teeth, angles] chip of each tooth; below zero where it does not reach the sheet."""
+    teeth = len(lag)
+    surface = np.full(_ANGLES, reach.max())
+    chips = np.zeros((teeth, _ANGLES))
+    before = lag[-1] - 2.0 * np.pi
+    for _ in range(_TURNS):
+        for tooth in range(teeth):
+            fed = (lag[tooth] - before) % (2.0 * np.pi) if teeth > 1 else 2.0 * np.pi
+            surface = surface - fed * advance_m_rad * np.sin(angle)
+            chips[tooth] = reach[tooth] - surface
+            surface = np.maximum(surface, reach[tooth])
+            before = lag[tooth]
+    return chips
+
+
+def _on_true_path(angle: Array, lag: Array, radius: Array, advance_m_rad: float) -> Array:
+    """The same of teeth at `radius` [teeth]: how far each is beyond where those of the turn before were on
+    the ray from the tool's centre."""
+    teeth = len(lag)
+    chips = np.full((teeth, _ANGLES), np.inf)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    for tooth in range(teeth):
+        for m in range(1, teeth + 1):
+            earlier = (tooth - m) % teeth
+            apart = (lag[tooth] - lag[earlier]) % (2.0 * np.pi) if m < teeth else 2.0 * np.pi
+            advance = np.full(_ANGLES, apart * advance_m_rad)
+            for _ in range(_ITERATIONS):
+                along = np.sqrt(radius[earlier] ** 2 - (advance * cosine) ** 2) - advance * sine
+                then = np.arctan2(along * sine + advance, along * cosine)
+                advance = (apart + angle - then) * advance_m_rad
+            chips[tooth] = np.minimum(chips[tooth], radius[tooth] - along)
+    return chips
 
 
 def _edge(chip: Array, sheet: Sheet, hidden: Hidden) -> Array:

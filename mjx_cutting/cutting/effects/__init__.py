@@ -29,6 +29,7 @@ from mjx_cutting.cutting.effects.static_compliance import StaticCompliance
 from mjx_cutting.cutting.effects.thermal_drift import ThermalDrift
 from mjx_cutting.cutting.effects.time_offset import TimeOffset
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
+from mjx_cutting.cutting.effects.tooth_path import ToothPath
 from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple
 from mjx_cutting.cutting.effects.unbalance import Unbalance
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
@@ -66,6 +67,7 @@ __all__ = [
     "ThermalDrift",
     "TimeOffset",
     "ToolGravity",
+    "ToothPath",
     "TorqueRipple",
     "Unbalance",
     "UnequalPitch",

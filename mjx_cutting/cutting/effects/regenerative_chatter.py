@@ -26,7 +26,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from mjx_cutting.cutting.chip import Chip, Cutter, carried_over, earlier_passes, touching
+from mjx_cutting.cutting.chip import Chip, Cutter, carried_over, earlier_passes, fed, touching
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
@@ -108,11 +108,12 @@ class RegenerativeChatter(AbstractEffect):
         sine, cosine = jnp.sin(chip.angle_rad), jnp.cos(chip.angle_rad)
         before, apart = _passes(cutter)
         step = cutter.radius_m[:, None] - cutter.radius_m[before]
-        left = (feed_m * sine)[..., None] * (apart / (2.0 * jnp.pi)) + step
+        each_m = feed_m[..., None] * (apart / (2.0 * jnp.pi))
+        left = fed(cutter, each_m, feed_m[..., None], chip.angle_rad[..., None]) + step
         wave = moved[..., 0].T * sine[..., None] + moved[..., 1].T * cosine[..., None]
         beyond = _NO_SURFACE_M * (1.0 - jnp.asarray(self.known).T).at[:, 0].set(0.0)
         # what the chip was before, by the effects ahead, less what the rigid tool would have left of it
-        without = jnp.maximum(carried_over(cutter, feed_m, sine, cutter.radius_m), 0.0)
+        without = jnp.maximum(carried_over(cutter, feed_m, chip.angle_rad, cutter.radius_m), 0.0)
         bare = chip.thickness_m + jnp.min(left + wave + beyond, axis=-1) - without
         return chip._replace(
             thickness_m=jnp.maximum(bare, 0.0),

@@ -3,7 +3,8 @@
 Each round looks at every candidate beside what is accepted already (`screening`), fits the most telling ones
 fully, scores them on held-out trials, tests them (`decision`), accepts the best that passes, and looks again
 at what remains, as long as enough does. The best of the others is the runner-up. In the end each effect must
-still earn its place (`exchange`).
+still earn its place (`exchange`). Whether the teeth go on circles or on their true path is asked before the
+first round and with each effect about to be accepted; a round in which that turns is held again.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mjx_cutting.tracing.fitting.fit import Effects, Fit, fit_base, reweighted
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened, screen
+from mjx_cutting.tracing.fitting.tooth_path import on_other_path, on_true_path
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
@@ -66,11 +68,14 @@ def search(
     """Run the search; `progress` is told what is being tried."""
     progress("base model")
     problem, base = fit_base(problem)
+    if (other := on_other_path(problem, (), base.x)) is not None:
+        problem, base = fit_base(other)
     candidates = with_onset(problem, candidates)
     base_heldout = held_out(problem, lines, (), base.x, fold)
     effects: Effects = ()
     current, heldout = base, base_heldout
     rounds: list[Round] = []
+    moved = False
     while len(effects) < MOST_EFFECTS and (not rounds or _worth_a_round(problem, lines, heldout)):
         open_ = [
             kind
@@ -93,8 +98,16 @@ def search(
         rounds += found
         if (last := found[-1].accepted) is None:
             break
-        effects = (*effects, *(each.accepted.kind for each in found if each.accepted is not None))
+        more = (*effects, *(each.accepted.kind for each in found if each.accepted is not None))
         problem = reweighted(problem, last.fit)
+        if not moved and (other := on_other_path(problem, more, last.fit.x)) is not None:
+            progress("once more, the teeth on " + ("their true path" if on_true_path(other) else "circles"))
+            moved, problem, rounds = True, other, rounds[: -len(found)]
+            base, base_heldout = fitted(problem, lines, (), np.asarray(base.x), fold)
+            current, heldout = fitted(problem, lines, effects, np.asarray(current.x), fold)
+            problem = reweighted(problem, current)
+            continue
+        effects = more
         current, heldout = fitted(problem, lines, effects, np.asarray(last.fit.x), fold)
     for _ in effects[1:]:
         progress("second thoughts about " + ", ".join(kind.name for kind in effects[:-1]))

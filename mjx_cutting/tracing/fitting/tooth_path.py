@@ -1,0 +1,83 @@
+"""Circles or the true path of the teeth, whichever the trials have.
+
+The base model has teeth go on circles. What the true path makes of the force, after refitting, is of the
+order of the feed per tooth over the radius: 0.2 to 0.6 of that for end mills, and (1 + teeth / 40) of it at
+most for saws. Where that is more than the model may be off by anyway, an effect would be named for it. So the
+share of the true path is fitted beside what was found: geometry has no strength of its own, so where the
+trials say one rather than nil, they have the true path.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike
+
+from mjx_cutting.cutting import Tool
+from mjx_cutting.cutting.effects.tooth_path import ToothPath
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+
+_TEETH = 40.0
+_STEPS = 8
+_CLEARLY = 10.0
+_MOST = 1.5
+
+
+class TrueToothPath(ToothPath):
+    """The true path as part of every model: nothing is looked for."""
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 0
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> ToothPath:
+        return ToothPath(jnp.asarray(1.0))
+
+    @classmethod
+    def starts(cls, tool: Tool) -> np.ndarray:
+        return np.zeros((1, 0))
+
+
+def on_true_path(problem: Problem) -> bool:
+    """Whether the models of the problem have their teeth go on the true path."""
+    return TrueToothPath in problem.given
+
+
+def on_other_path(problem: Problem, effects: Effects, x: ArrayLike) -> Problem | None:
+    """The problem with the teeth on the other path, where the trials have that; None where they have this
+    one, or cannot tell.
+
+    Arguments: `effects` of the model found, `x` [U] its unknowns, `problem` weighted by what it leaves.
+    """
+    if not _shows(problem):
+        return None
+    others = tuple(each for each in problem.given if each is not TrueToothPath)
+    circles = dataclasses.replace(problem, given=others)
+    both = Descent(circles, (*effects, ToothPath))
+    best, _ = both.descend(np.append(np.asarray(x), 0.5), _STEPS)
+    share = float(ToothPath.parameters["share"].typical * best[-1])
+    slope = both.around(best)[1]
+    rest, own = slope[:, :-1], slope[:, -1]
+    told = float(np.sum((own - rest @ np.linalg.lstsq(rest, own, rcond=None)[0]) ** 2))
+    # by how much the squared error on circles is above that on the true path, from the parabola between
+    has_it = (2.0 * share - 1.0) * told > _CLEARLY and share < _MOST
+    if has_it == on_true_path(problem):
+        return None
+    return dataclasses.replace(circles, given=(*others, TrueToothPath)) if has_it else circles
+
+
+def _shows(problem: Problem) -> bool:
+    """Whether the true path could change the force by more than a model of it may be off."""
+    if problem.tool.kind in LEVEL_KINDS or problem.motion is not None:
+        return False
+    speed, feed = (np.asarray(each) for each in (problem.cut.spindle_speed_rev_s, problem.cut.feed_speed_m_s))
+    teeth = problem.tool.teeth
+    share = np.max(feed / (speed * teeth)) / (0.5 * float(np.asarray(problem.tool.diameter_m)))
+    return bool(share * (1.0 + teeth / _TEETH) > problem.tolerance)
