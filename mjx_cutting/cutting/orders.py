@@ -25,6 +25,7 @@ from mjx_cutting.cutting.model import ForceModel
 
 _NODES_PER_RADIAN = 0.35
 _FEWEST_NODES = 32
+_AT_ONCE = 4
 
 
 def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
@@ -92,7 +93,8 @@ def _transformed(angle: Array, value: Array, orders: int) -> Array:
         after = real * cosine + imaginary * sine, imaginary * cosine - real * sine
         return after, (real.sum(axis=1), imaginary.sum(axis=1))
 
-    _, (real, imaginary) = jax.lax.scan(turn, (real, jnp.zeros_like(real)), None, length=orders + 1)
+    still = jnp.zeros_like(real)
+    _, (real, imaginary) = jax.lax.scan(turn, (real, still), None, length=orders + 1, unroll=_AT_ONCE)
     return jax.lax.complex(real, imaginary)
 
 

@@ -3,7 +3,8 @@
 What costs time in trying thirty effects is not arithmetic but compiling each one's derivatives. Here only the
 lines of a model are compiled for each set of effects, with little optimisation; comparing lines with
 measurements is compiled once for a data set. Jacobians are forward differences, evaluated in one batch, and
-Gauss-Newton steps follow, each at the best of several dampings.
+Gauss-Newton steps follow, each at the best of several dampings. Of more than 64 unknowns the Jacobian is
+evaluated once and then updated from step to step, until that leads no further.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
 _HUGE = 1e9
 _UNTOLD = 1e-3
+_MANY = 64
 _GLANCE = (1e-2, 1e-1, 1.0)
 Matrix = NDArray[np.floating]
 
@@ -146,34 +148,48 @@ class Descent:
 
     def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
         """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""
-        left, squares = None, np.inf
+        left = slope = None
+        squares = np.inf
         for _ in range(steps):
-            squares, bold, after = self._step(x, left)
-            if not after[2] < (1.0 - _SETTLED) * squares and bold is not None:
+            known = slope is not None
+            if left is None or slope is None:
+                left, slope = self.around(x, left)
+            squares = float(left @ left)
+            bold, after = self._step(x, left, slope)
+            settled = not after[2] < (1.0 - _SETTLED) * squares
+            if settled and known:
+                slope = None
+                continue
+            if settled and bold is not None:
                 # the boldest step crossed a bound that its linear model did not see: come back
-                after = min(after, self._step(bold)[2], key=lambda each: each[2])
+                after = min(after, self._step(bold, *self.around(bold))[1], key=lambda each: each[2])
             if not after[2] < squares:
                 break
             gained = squares - after[2]
+            smooth = len(x) > _MANY and not self._beyond(after[1])
+            slope = _updated(slope, after[0] - x, after[1] - left) if smooth else None
             x, left, squares = after
             if gained < _SETTLED * squares:
                 break
         return x, squares
 
     def _step(
-        self, x: Matrix, left: Matrix | None = None
-    ) -> tuple[float, Matrix | None, tuple[Matrix, Matrix, float]]:
-        """Sum of squares at `x`; the boldest damped step from there, where it leaves the ranges; where the
-        best one leads, its residual, its sum of squares. `left` [M + B]: the residual at `x`, where known."""
-        left, slope = self.around(x, left)
+        self, x: Matrix, left: Matrix, slope: Matrix
+    ) -> tuple[Matrix | None, tuple[Matrix, Matrix, float]]:
+        """The boldest damped step from `x`, of which residual [M + B] and Jacobian are given, where it leaves
+        the ranges; where the best one leads, its residual, its sum of squares."""
         normal, gradient = slope.T @ slope, slope.T @ left
         scale = _scale(normal)
         tries = np.stack([x - np.linalg.solve(normal + damping * scale, gradient) for damping in _DAMPING])
         reached = self.rows(tries).left
         each = np.sum(reached**2, axis=1)
         best = int(np.argmin(each))
-        bold = tries[0] if np.any(reached[0, self.measured :]) else None
-        return float(left @ left), bold, (tries[best], reached[best], float(each[best]))
+        bold = tries[0] if self._beyond(reached[0]) else None
+        return bold, (tries[best], reached[best], float(each[best]))
+
+    def _beyond(self, left: Matrix) -> bool:
+        """Whether a residual [M + B] has penalties: unknowns beyond their ranges."""
+        return bool(np.any(left[self.measured + in_air(self.problem) :]))
 
     def descend_folds(self, x: Matrix, use: Matrix, steps: int) -> Matrix:
         """[F, U] unknowns for every row of `use` [F, R], all from `x` [U], with the one Jacobian there.
@@ -215,6 +231,12 @@ class Descent:
         squares = np.sum(np.sum(left**2, axis=2) * use, axis=1) + air
         cost = 0.5 * (squares - air + np.sum(beside**2, axis=1))
         return Fit(x, cost, squares, rows.error_n2, self.models(x), np.isfinite(cost))  # type: ignore[arg-type]
+
+
+def _updated(slope: Matrix, step: Matrix, change: Matrix) -> Matrix:
+    """The Jacobian after a `step` [U] that changed the residual by `change` [M + B]: the least change of it
+    that agrees (Broyden, Math. Comp. 19 (1965) 577-593)."""
+    return slope + np.outer(change - slope @ step, step) / max(float(step @ step), 1e-300)
 
 
 def _scale(normal: Matrix) -> Matrix:
