@@ -36,6 +36,7 @@ from mjx_cutting.tracing.telling.above_band import Above, above_band
 from mjx_cutting.tracing.telling.axes import Reading, better_reading
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
+from mjx_cutting.tracing.telling.growing_noise import GROWS, growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import TIED, testable, verdict
@@ -137,6 +138,7 @@ def _trace(
         reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
+        levels = found.dataset.tool.kind in LEVEL_KINDS
         depends_before = dependences(found.dataset, found.before, teeth, orders)
         depends_after = dependences(found.dataset, found.after, teeth, orders)
         reasons = {
@@ -145,6 +147,7 @@ def _trace(
             ]
             for kind in found.kinds
         }  # fmt: skip
+        grown = None if levels else growing_noise(found.after, found.dataset.sensor.sample_rate_hz, band)
         word = verdict(
             found.dataset,
             found.lines,
@@ -154,7 +157,10 @@ def _trace(
             depends_after,
             reasons,
             found.noise_over,
+            grown,
         )
+        if grown is not None:
+            word["remaining"]["description"] += f"; {GROWS}: {grown:.1%} of it"
         if reading is not None:
             word["remaining"]["description"] += f"; {reading}"
         unnamed = None if found.along else unnamed_gain(found.search, found.lines, depends_after)

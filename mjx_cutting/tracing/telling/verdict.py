@@ -49,6 +49,7 @@ def verdict(
     after: Sequence[Dependence],
     evidence: dict[str, list[str]],
     noise_over: float = 1.0,
+    grown: float | None = None,
 ) -> dict[str, Any]:
     """The verdict as a dictionary ready for verdict.json.
 
@@ -58,8 +59,9 @@ def verdict(
         before, after: what the residual depends on under the base and under the final model.
         evidence: sentences for each accepted effect, by name.
         noise_over: share of noise in the records judged over that in the `dataset`.
+        grown: share of the force that is noise growing with it, where that is what the model leaves.
     """
-    floor = noise_over * noise_floor(dataset, lines)
+    floor = max(noise_over * noise_floor(dataset, lines), grown or 0.0)
     least = reached(floor, found.problem.tolerance)
     accepted = [each for each in found.rounds if each.accepted is not None]
     kinds = [each.accepted.kind for each in accepted if each.accepted is not None]
