@@ -17,6 +17,8 @@ from mjx_cutting.trials.dataset import Trial
 
 _FEEDS_APART = 1.1
 _KNOWN = 1.0
+_STRETCHES = 12
+_AT_REST = 0.02
 Array = NDArray[np.floating]
 
 
@@ -96,12 +98,22 @@ def along_path(trial: Trial) -> Array:
     if trial.position_m is not None:
         axis = int(np.argmax(np.ptp(trial.position_m, axis=0)))
         place = trial.position_m[:, axis]
-        return place if place[-1] >= place[0] else -place
+        return place if _goes_up(place) else -place
     time = trial.time_s - trial.time_s[0]
     if trial.feed_speed_measured_m_s is not None:
         step = np.diff(time, prepend=time[0])
         return np.cumsum(trial.feed_speed_measured_m_s * step)
     return trial.feed_speed_m_s * time
+
+
+def _goes_up(place: Array) -> bool:
+    """Whether a place [T] goes up for most of the time in which it moves: in the end a tool may be withdrawn
+    beyond where it began."""
+    means = [part.mean() for part in np.array_split(place, min(_STRETCHES, len(place)))]
+    step = np.diff(means)
+    moves = step[np.abs(step) > _AT_REST * np.max(np.abs(step), initial=0.0)]
+    up = int(np.sum(np.sign(moves)))
+    return up > 0 if up else bool(place[-1] >= place[0])
 
 
 def felt_at(trial: Trial, delay_s: float) -> Array:

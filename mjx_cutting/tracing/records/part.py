@@ -22,9 +22,11 @@ def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
     }  # fmt: skip
     if trial.position_m is None:
         records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
+    # what is driven back cuts nothing
+    way = max(float(place[part.start] - place[0]), 0.0)
     return replace(
         trial,
-        cut_length_before_m=trial.cut_length_before_m + float(place[part.start] - place[0]),
+        cut_length_before_m=trial.cut_length_before_m + way,
         clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
         **records,
     )

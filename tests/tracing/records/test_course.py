@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.records.course import Course
+from mjx_cutting.tracing.records.course import Course, along_path
+from mjx_cutting.tracing.records.part import part_of
+from mjx_cutting.trials.dataset import Trial
 
 TIME = np.arange(100) / 500.0
 
@@ -36,3 +38,40 @@ def test_without_folds_all_is_taken_as_known():
     chip = np.ones((100, 3))
     course = Course(TIME, TIME, None, chip, 2.0 * chip, chip, 500.0, (0.0, 200.0))
     np.testing.assert_array_equal(course.force(0.5), 2.0 * chip)
+
+
+def on_a_way(place_m) -> Trial:
+    place = np.asarray(place_m)
+    return Trial(
+        file="t01.csv",
+        kind="cut",
+        milling=None,
+        spindle_speed_rev_s=10.0,
+        feed_speed_m_s=1e-3,
+        radial_depth_m=1e-3,
+        axial_width_m=1e-3,
+        time_s=0.01 * np.arange(len(place)),
+        force_n=np.ones((len(place), 3)),
+        position_m=np.stack([place, 0.0 * place, 0.0 * place], axis=1),
+        cut_length_before_m=0.0,
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_tool_withdrawn_beyond_its_start_still_went_forward(sign):
+    """It cuts for 70 samples and is driven back two and a half times as fast; a sampled position trembles."""
+    way = np.concatenate([np.linspace(0.0, 2.8e-3, 70), np.linspace(2.8e-3, -2e-4, 30)])
+    way = way + np.random.default_rng(0).normal(0.0, 1e-6, len(way))
+    np.testing.assert_array_equal(along_path(on_a_way(0.1 + sign * way)), sign * (0.1 + sign * way))
+
+
+def test_a_tool_that_waits_before_it_feeds_goes_forward():
+    way = np.concatenate([np.zeros(80), np.linspace(0.0, -1e-3, 20)])
+    np.testing.assert_array_equal(along_path(on_a_way(way)), -way)
+
+
+def test_what_is_driven_back_adds_nothing_to_the_length_cut():
+    way = np.concatenate([np.linspace(0.0, 2e-3, 70), np.linspace(2e-3, -1e-3, 30)])
+    trial = on_a_way(way)
+    assert part_of(trial, way, slice(35, 60)).cut_length_before_m == pytest.approx(way[35])
+    assert part_of(trial, way, slice(98, 100)).cut_length_before_m == 0.0
