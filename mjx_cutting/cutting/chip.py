@@ -161,7 +161,7 @@ def fed(cutter: Cutter, advance_m: Array, feed_m: Array, angle: Array) -> Array:
 
     On the true path the earlier tooth was there by d cos th / R of its turn later, so that the tool advanced
     by d = advance / (1 + feed cos th / (2 pi R)), and h = d sin th + (d cos th)^2 / 2 R: Martellotti, Trans.
-    ASME 63 (1941) 677-700, to second order in d / R (5e-4 of the chip at d / R = 0.05).
+    ASME 63 (1941) 677-700, to second order in d / R (`benchmarks/tooth_path.py` has what that leaves).
     """
     if cutter.curvature_1_m is None:
         return advance_m * jnp.sin(angle)
@@ -171,12 +171,18 @@ def fed(cutter: Cutter, advance_m: Array, feed_m: Array, angle: Array) -> Array:
 
 
 def carried_over(cutter: Cutter, feed_m: Array, angle: Array, reach_m: Array) -> Array:
-    """[..., S, N] min over m of what is `fed` between the two + r_j - r_{j-m}, from the teeth's reach [N] or
-    [..., S, N]."""
-    before, apart = earlier_passes(cutter, cutter.lag_rad.shape[0])
+    """[..., S, N] chip from the teeth's reach [N] or [..., S, N], m: the least of what each of the N passes
+    before left."""
+    return jnp.min(left_standing(cutter, feed_m, angle, reach_m, cutter.lag_rad.shape[0]), axis=-1)
+
+
+def left_standing(cutter: Cutter, feed_m: Array, angle: Array, reach_m: Array, passes: int) -> Array:
+    """[..., S, N, M] what each of the M = `passes` before left for a tooth, m: what is `fed` between the two
+    + r_j - r_{j-m}, r the teeth's reach."""
+    before, apart = earlier_passes(cutter, passes)
     step = reach_m[..., None] - reach_m[..., before]
     feed_m, angle = feed_m[..., None], angle[..., None]
-    return jnp.min(fed(cutter, feed_m * (apart / (2.0 * np.pi)), feed_m, angle) + step, axis=-1)
+    return fed(cutter, feed_m * (apart / (2.0 * np.pi)), feed_m, angle) + step
 
 
 def earlier_passes(cutter: Cutter, passes: int) -> tuple[NDArray[np.int64], Array]:

@@ -56,16 +56,12 @@ def elements_to_process(local: Array, chip: Chip, tool: Tool) -> Array:
     return force * chip.contact[..., None]
 
 
-def _across(angle: Array) -> Array:
-    """The angle at which a chip is as thick as what is fed, in the shape of `angle`."""
-    return jnp.full_like(angle, 0.5 * jnp.pi)
-
-
 def _drill_chip(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     angle = jnp.asarray(cut.angle_rad)[..., None, None] - cutter.lag_rad
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
     even = feed_m / tool.teeth + jnp.zeros_like(angle)
-    bare = even if cutter.even else carried_over(cutter, feed_m, _across(angle), cutter.radius_m)
+    across = jnp.full_like(angle, 0.5 * jnp.pi)  # where a chip is as thick as what is fed
+    bare = even if cutter.even else carried_over(cutter, feed_m, across, cutter.radius_m)
     width = 0.5 * jnp.asarray(tool.diameter_m) + jnp.zeros_like(angle[..., :1])
     return Chip(angle, jnp.maximum(bare, 0.0), (bare >= 0.0).astype(angle.dtype), width)
 

@@ -111,7 +111,8 @@ class AbstractEffect(eqx.Module):
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
         most: how many of the kind one tool may show at once, each with parameters of its own.
-        physical: False for a term that fits without saying why; tracing never names it.
+        physical: False for what is no missing cause (a term that fits without saying why, plain geometry);
+            tracing never names it.
         signature: one sentence, what it leaves in a residual.
         confused_with: other effects and what separates them from this one.
     """

@@ -21,12 +21,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from numpy.typing import NDArray
 
-from mjx_cutting.cutting.chip import Chip, Cutter, carried_over, earlier_passes, fed, touching
+from mjx_cutting.cutting.chip import Chip, Cutter, carried_over, earlier_passes, left_standing, touching
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
@@ -82,7 +80,9 @@ class RegenerativeChatter(AbstractEffect):
         now = compliance * (response[0] + 0.5 * dt_s * response[1])
         line = jnp.concatenate([now[None], past])
         speed = jnp.maximum(jnp.asarray(cut.spindle_speed_rev_s), 1e-9)
-        steps = _passes(model.cutter())[1].T / (2.0 * jnp.pi * speed * dt_s)
+        cutter = model.cutter()
+        apart = earlier_passes(cutter, _passes(cutter))[1]
+        steps = apart.T / (2.0 * jnp.pi * speed * dt_s)
         lower = jnp.clip(jnp.floor(steps), 0, HISTORY - 1).astype(int)
         share = (steps - lower)[..., None]
         then = line[lower] * (1.0 - share) + line[lower + 1] * share
@@ -106,10 +106,7 @@ class RegenerativeChatter(AbstractEffect):
         moved, cutter = jnp.asarray(self.moved_m), model.cutter()
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
         sine, cosine = jnp.sin(chip.angle_rad), jnp.cos(chip.angle_rad)
-        before, apart = _passes(cutter)
-        step = cutter.radius_m[:, None] - cutter.radius_m[before]
-        each_m = feed_m[..., None] * (apart / (2.0 * jnp.pi))
-        left = fed(cutter, each_m, feed_m[..., None], chip.angle_rad[..., None]) + step
+        left = left_standing(cutter, feed_m, chip.angle_rad, cutter.radius_m, _passes(cutter))
         wave = moved[..., 0].T * sine[..., None] + moved[..., 1].T * cosine[..., None]
         beyond = _NO_SURFACE_M * (1.0 - jnp.asarray(self.known).T).at[:, 0].set(0.0)
         # what the chip was before, by the effects ahead, less what the rigid tool would have left of it
@@ -131,6 +128,6 @@ class RegenerativeChatter(AbstractEffect):
         return (response, jnp.concatenate([now[None], past[:-1]])), force
 
 
-def _passes(cutter: Cutter) -> tuple[NDArray[np.int64], Array]:
-    """Teeth and angles of the passes looked back at, [N, M]."""
-    return earlier_passes(cutter, max(cutter.lag_rad.shape[0], PASSES))
+def _passes(cutter: Cutter) -> int:
+    """How many passes are looked back at."""
+    return max(int(cutter.lag_rad.shape[0]), PASSES)

@@ -44,8 +44,6 @@ class ToothPath(AbstractEffect):
     share: ArrayLike
 
     def cutter(self, cutter: Cutter, model: ForceModel) -> Cutter:
-        if model.tool.kind in ("drill", "turning"):
-            return cutter
         return cutter._replace(curvature_1_m=2.0 * jnp.asarray(self.share) / model.tool.diameter_m)
 
     @classmethod
