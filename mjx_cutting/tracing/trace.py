@@ -36,7 +36,7 @@ from mjx_cutting.tracing.telling.above_band import Above, above_band
 from mjx_cutting.tracing.telling.axes import Reading, better_reading
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
-from mjx_cutting.tracing.telling.growing_noise import GROWS, growing_noise
+from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import TIED, testable, verdict
@@ -138,7 +138,6 @@ def _trace(
         reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
-        levels = found.dataset.tool.kind in LEVEL_KINDS
         depends_before = dependences(found.dataset, found.before, teeth, orders)
         depends_after = dependences(found.dataset, found.after, teeth, orders)
         reasons = {
@@ -147,7 +146,9 @@ def _trace(
             ]
             for kind in found.kinds
         }  # fmt: skip
-        grown = None if levels else growing_noise(found.after, found.dataset.sensor.sample_rate_hz, band)
+        grown = None
+        if dataset.tool.kind not in LEVEL_KINDS:
+            grown = growing_noise(found.after, dataset.sensor.sample_rate_hz, band)
         word = verdict(
             found.dataset,
             found.lines,
@@ -160,7 +161,9 @@ def _trace(
             grown,
         )
         if grown is not None:
-            word["remaining"]["description"] += f"; {GROWS}: {grown:.1%} of it"
+            word["remaining"]["description"] += (
+                f"; what is left is noise that grows with the force: {grown:.1%} of it"
+            )
         if reading is not None:
             word["remaining"]["description"] += f"; {reading}"
         unnamed = None if found.along else unnamed_gain(found.search, found.lines, depends_after)

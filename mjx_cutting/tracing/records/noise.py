@@ -48,7 +48,7 @@ def white_power(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> 
 
     By the median of the periodogram, which a few lines and what is slow do not move.
     """
-    power, inside = _periodogram(record, rate_hz, band_hz)
+    power, inside = periodogram(record, rate_hz, band_hz)
     if not inside.any():
         return np.zeros(record.shape[1])
     alike = np.median(power[inside], axis=0) / np.log(2.0)  # of an exponential distribution
@@ -63,13 +63,13 @@ def power_between_lines(record: Array, rate_hz: float, band_hz: tuple[float, flo
     """
     if len(record) < _FEWEST:
         return np.asarray(np.var(record, axis=0))
-    power, inside = _periodogram(record, rate_hz, band_hz)
+    power, inside = periodogram(record, rate_hz, band_hz)
     near = median_filter(power, size=(min(_NEAR, len(power)), 1), mode="reflect") / np.log(2.0)
     line = maximum_filter1d(power > _ABOVE * near, _LEAKS, axis=0)
     return np.asarray(np.where(line, near, power)[inside].sum(axis=0))
 
 
-def _periodogram(
+def periodogram(
     record: Array, rate_hz: float, band_hz: tuple[float, float]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """[F, A] mean square in each bin but the mean's, windowed so that a line stays where it is; [F] whether

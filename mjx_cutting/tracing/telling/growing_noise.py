@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction, energy
+from mjx_cutting.tracing.records.noise import periodogram
 
-GROWS = "what is left is noise that grows with the force"
 _GROWN = 0.3
 _KURTOSIS = 4.5
 _BINS = 12
@@ -33,7 +33,7 @@ def growing_noise(left: Sequence[Prediction], rate_hz: float, band_hz: tuple[flo
     """
     if min(len(each.residual_n) for each in left) < _FEWEST:
         return None
-    grown = 0
+    grown = False
     for axis in range(3):
         own = [(each.residual_n[:, axis], _force(each)[:, axis]) for each in left]
         if not any(residual.any() for residual, _ in own):
@@ -45,15 +45,12 @@ def growing_noise(left: Sequence[Prediction], rate_hz: float, band_hz: tuple[flo
         unit = [residual / np.sqrt(level + gain * force**2) for residual, force in own]
         if not (_gaussian(unit) and _white(unit, rate_hz, band_hz)):
             return None
-        energy = float(np.mean(np.concatenate([force for _, force in own]) ** 2))
-        grown += gain * energy > _GROWN * level
+        force2 = float(np.mean(np.concatenate([force for _, force in own]) ** 2))
+        grown = grown or gain * force2 > _GROWN * level
     if not grown:
         return None
-    squares, force = (
-        sum(float(np.sum(side**2)) for side in sides)
-        for sides in ([each.residual_n for each in left], [_force(each) for each in left])
-    )
-    return float(np.sqrt(squares / max(force, 1e-300)))
+    whole = energy([_force(each) for each in left])
+    return float(np.sqrt(energy([each.residual_n for each in left]) / max(whole, 1e-300)))
 
 
 def _force(each: Prediction) -> Array:
@@ -62,7 +59,7 @@ def _force(each: Prediction) -> Array:
 
 
 def _size(own: Sequence[tuple[Array, Array]]) -> tuple[float, float] | None:
-    """a and g of the variance a + g F^2, N^2 and 1; None where it has no constant part or is not told."""
+    """a and g of the variance a + g F^2, N^2 and 1; None where it has no constant part."""
     square = np.concatenate([residual for residual, _ in own]) ** 2
     force2 = np.concatenate([force for _, force in own]) ** 2
     unit = max(float(force2.mean()), 1e-300)
@@ -80,9 +77,7 @@ def _white(unit: Sequence[Array], rate_hz: float, band_hz: tuple[float, float]) 
     """Whether they are alike at all frequencies of the band, in a dozen parts of it."""
     power = np.zeros(_BINS)
     for each in unit:
-        frequency = np.fft.rfftfreq(len(each), 1.0 / rate_hz)[1:]
-        inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-        spectrum = np.abs(np.fft.rfft(each)[1:][inside]) ** 2
-        power += [float(part.mean()) for part in np.array_split(spectrum, _BINS)]
+        spectrum, inside = periodogram(each[:, None], rate_hz, band_hz)
+        power += [float(part.mean()) for part in np.array_split(spectrum[inside], _BINS)]
     above = np.maximum(power - np.median(power), 0.0)
     return bool(above.sum() < _COLOUR * power.sum())
