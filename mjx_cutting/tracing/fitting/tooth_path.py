@@ -1,10 +1,10 @@
 """Circles or the true path of the teeth, whichever the trials have.
 
 The base model has teeth go on circles. What the true path makes of the force, after refitting, is of the
-order of the feed per tooth over the radius: 0.2 to 0.6 of that for end mills, and (1 + teeth / 40) of it at
-most for saws. Where that is more than the model may be off by anyway, an effect would be named for it. So the
-share of the true path is fitted beside what was found: geometry has no strength of its own, so where the
-trials say one rather than nil, they have the true path.
+order of the feed per tooth over the radius: 0.2 to 0.5 of that for end mills, and less than (1 + teeth / 40)
+of it for saws (`benchmarks/tooth_path.py`). Where that is more than the model may be off by anyway, an effect
+would be named for it. So the share of the true path is fitted beside what was found: geometry has no strength
+of its own, so where the trials say one rather than nil, they have the true path.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def on_other_path(problem: Problem, effects: Effects, x: ArrayLike) -> Problem |
     circles = dataclasses.replace(problem, given=others)
     both = Descent(circles, (*effects, ToothPath))
     best, _ = both.descend(np.append(np.asarray(x), 0.5), _STEPS)
-    share = float(ToothPath.parameters["share"].typical * best[-1])
+    share = float(best[-1])
     slope = both.around(best)[1]
     rest, own = slope[:, :-1], slope[:, -1]
     told = float(np.sum((own - rest @ np.linalg.lstsq(rest, own, rcond=None)[0]) ** 2))
