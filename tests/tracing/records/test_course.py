@@ -40,37 +40,31 @@ def test_without_folds_all_is_taken_as_known():
     np.testing.assert_array_equal(course.force(0.5), 2.0 * chip)
 
 
-def on_a_way(place_m) -> Trial:
-    place = np.asarray(place_m)
-    return Trial(
-        file="t01.csv",
-        kind="cut",
-        milling=None,
-        spindle_speed_rev_s=10.0,
-        feed_speed_m_s=1e-3,
-        radial_depth_m=1e-3,
-        axial_width_m=1e-3,
-        time_s=0.01 * np.arange(len(place)),
-        force_n=np.ones((len(place), 3)),
-        position_m=np.stack([place, 0.0 * place, 0.0 * place], axis=1),
-        cut_length_before_m=0.0,
-    )
+@pytest.fixture
+def on_a_way(turning_cut):
+    """Call it with places [T] on the first axis, m."""
+
+    def make(place) -> Trial:
+        position = np.stack([place, 0.0 * place, 0.0 * place], axis=1)
+        return turning_cut(0.01 * np.arange(len(place)), np.ones((len(place), 3)), position_m=position)
+
+    return make
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_tool_withdrawn_beyond_its_start_still_went_forward(sign):
+def test_a_tool_withdrawn_beyond_its_start_still_went_forward(on_a_way, sign):
     """It cuts for 70 samples and is driven back two and a half times as fast; a sampled position trembles."""
     way = np.concatenate([np.linspace(0.0, 2.8e-3, 70), np.linspace(2.8e-3, -2e-4, 30)])
     way = way + np.random.default_rng(0).normal(0.0, 1e-6, len(way))
     np.testing.assert_array_equal(along_path(on_a_way(0.1 + sign * way)), sign * (0.1 + sign * way))
 
 
-def test_a_tool_that_waits_before_it_feeds_goes_forward():
+def test_a_tool_that_waits_before_it_feeds_goes_forward(on_a_way):
     way = np.concatenate([np.zeros(80), np.linspace(0.0, -1e-3, 20)])
     np.testing.assert_array_equal(along_path(on_a_way(way)), -way)
 
 
-def test_what_is_driven_back_adds_nothing_to_the_length_cut():
+def test_what_is_driven_back_adds_nothing_to_the_length_cut(on_a_way):
     way = np.concatenate([np.linspace(0.0, 2e-3, 70), np.linspace(2e-3, -1e-3, 30)])
     trial = on_a_way(way)
     assert part_of(trial, way, slice(35, 60)).cut_length_before_m == pytest.approx(way[35])

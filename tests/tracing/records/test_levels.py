@@ -171,28 +171,14 @@ def test_what_the_sensor_reads_in_the_air_before_the_cut_is_its_zero():
         np.testing.assert_array_equal(found.force_n, true.force_n)
 
 
-def test_air_after_the_cut_shows_the_zero_of_a_turning_tool():
+def test_air_after_the_cut_shows_the_zero_of_a_turning_tool(turning_cut):
     generator, offsets = np.random.default_rng(2), (3.0, -5.0, 2.0)
     time = np.arange(500) / RATE_HZ
     cut = np.outer(time < 1.5, (-40.0, 80.0, -15.0))
     trials = []
     for index, offset in enumerate(offsets):
         noise = generator.normal(0.0, 0.5, cut.shape)
-        trials.append(
-            Trial(
-                file=f"{index}.csv",
-                kind="cut",
-                milling=None,
-                spindle_speed_rev_s=10.0,
-                feed_speed_m_s=1e-3,
-                radial_depth_m=1e-3,
-                axial_width_m=1e-3,
-                tool_id="a",
-                cut_length_before_m=0.0,
-                time_s=time,
-                force_n=cut + offset + noise,
-            )
-        )
+        trials.append(turning_cut(time, cut + offset + noise, file=f"{index}.csv"))
     tool, sensor = ToolInfo("turning", 1, 0.03), Sensor(RATE_HZ, zeroed="trial")
     made = Dataset(
         name="cuts", source="made by calculation", licence="Apache-2.0", tool=tool, sensor=sensor,
