@@ -98,13 +98,16 @@ def shear(chip: Array, effects: dict[str, Params]) -> Array:
     return made
 
 
-def along(position: Array, effects: dict[str, Params]) -> tuple[Array | float, Array | float]:
-    """Factors of the chip part and of the edge part by position."""
+def along(
+    position: Array, effects: dict[str, Params], ahead: Array | float = 0.0
+) -> tuple[Array | float, Array | float]:
+    """Factors of the chip part and of the edge part by position of the tool, a tooth being `ahead` of it."""
     chip: Array | float = 1.0
     edge: Array | float = 1.0
     if "material_periodicity" in effects:
         p = effects["material_periodicity"]
-        chip = 1.0 + p["amplitude"] * np.cos(2.0 * np.pi * position / p["wavelength_m"] + p["phase_rad"])
+        met = position + p.get("tooth_place", 0.0) * ahead
+        chip = 1.0 + p["amplitude"] * np.cos(2.0 * np.pi * met / p["wavelength_m"] + p["phase_rad"])
     if "layered_material" in effects:
         p = effects["layered_material"]
         inside = (position >= p["start_m"]) & (position < p["start_m"] + p["length_m"])
@@ -139,7 +142,7 @@ def passes(cut: Milling, begin_s: float, end_s: float, cells: int) -> tuple[Arra
     else:
         parts = [(1.0, contact, thick)]
     place = cut.position(time)
-    chip_gain, edge_gain = along(place, cut.effects)
+    chip_gain, edge_gain = along(place, cut.effects, cut.radius_m * sine)
     if "entry_exit" in cut.effects:
         inside = _inside_sheet(cut, place, sine)
         chip_gain, edge_gain = chip_gain * inside, edge_gain * inside

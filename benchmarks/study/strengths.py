@@ -156,7 +156,13 @@ def _clog(plan: Plan, g: float, rng: np.random.Generator) -> Params:
 
 
 def _periodic(plan: Plan, g: float, rng: np.random.Generator) -> Params:
-    return {"amplitude": min(0.9, 0.25 * g), "wavelength_m": rng.uniform(2e-3, 1e-2), "phase_rad": _turn(rng)}
+    drawn = {
+        "amplitude": min(0.9, 0.25 * g),
+        "wavelength_m": rng.uniform(2e-3, 1e-2),
+        "phase_rad": _turn(rng),
+    }
+    # a pattern goes by the place of the tool's centre, or every tooth meets it by itself
+    return drawn | ({"tooth_place": float(rng.integers(2))} if plan.design in MILLS else {})
 
 
 def _layer(plan: Plan, g: float, rng: np.random.Generator) -> Params:

@@ -23,6 +23,23 @@ def test_wear_is_found_beneath_a_periodic_material():
 
 
 @pytest.mark.slow
+def test_a_pattern_that_every_tooth_meets_by_itself_is_found_as_that():
+    """Over the arc of the slot it goes through two wavelengths: by the place of the centre there is none."""
+    case = make("mill", {"material_periodicity": "medium"}, seed=404)
+    true = case.truth["effects"]["material_periodicity"]
+    assert true["tooth_place"] == 1.0
+    found = trace(case.dataset, effects=["material_periodicity", "layered_material", "radial_runout"])
+    (named,) = found.verdict["effects"]
+    assert named["name"] == "material_periodicity"
+    values = {name: each["value"] for name, each in named["parameters"].items()}
+    assert values["tooth_place"] == 1.0
+    assert values["amplitude"] == pytest.approx(true["amplitude"], rel=0.03)
+    assert values["wavelength_m"] == pytest.approx(true["wavelength_m"], rel=1e-3)
+    before, after = (found.verdict[each]["heldout_nrmse"] for each in ("before", "after"))
+    assert after < 0.04 * before
+
+
+@pytest.mark.slow
 def test_drift_is_found_beneath_a_hum_of_the_mains():
     """The hum, different in each trial's share of the force, makes what drift brings look like scatter."""
     hidden = {"thermal_drift": "medium", "mains_pickup": "medium"}

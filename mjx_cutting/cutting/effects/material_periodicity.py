@@ -1,7 +1,9 @@
 """Material periodicity: the sheet is harder and softer by turns along the path (corrugation, weave, cells).
 
 k_c (1 + eps cos(2 pi s / Lam + phase)), s the position along the path; the edge constants vary by a share of
-that: 0 where only the chip's resistance changes, 1 where the whole sheet is harder and softer. Signature:
+that: 0 where only the chip's resistance changes, 1 where the whole sheet is harder and softer. s is the place
+of the tool's centre, or that of every tooth by itself, R sin th ahead of it, where the tooth meets the
+pattern: over an arc longer than Lam that is all the difference. Signature:
 lines at v / Lam (0.2 to 12 Hz) and beside tooth passing at f_t +- v / Lam, coherent in POSITION from trial to
 trial. Confused with a mode of the robot, which keeps its frequency when the feed changes. Needs no column:
 without a measured position the feed gives it, up to the phase.
@@ -32,7 +34,8 @@ class MaterialPeriodicity(AbstractEffect):
     """Constants that vary along the path.
 
     Fields: `amplitude` [] eps of the chip constants, relative; `wavelength_m` [] Lam, m; `phase_rad` [] at
-    position 0, rad; `edge_share` [] eps of the edge constants over that of the chip's.
+    position 0, rad; `edge_share` [] eps of the edge constants over that of the chip's; `tooth_place` [] 0
+    where s is the place of the tool's centre, 1 where it is that of the tooth.
     """
 
     name = "material_periodicity"
@@ -43,6 +46,7 @@ class MaterialPeriodicity(AbstractEffect):
         "wavelength_m": Parameter("m", 1e-3, 5e-2, None, 5e-3, log=True, source="2-10 mm"),
         "phase_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
         "edge_share": Parameter("1", 0.0, 1.0, None, 0.0),
+        "tooth_place": Parameter("1", 0.0, 1.0, None, 0.0),
     }
     steady = False
     alike = True
@@ -53,10 +57,14 @@ class MaterialPeriodicity(AbstractEffect):
     wavelength_m: ArrayLike
     phase_rad: ArrayLike
     edge_share: ArrayLike = 0.0
+    tooth_place: ArrayLike = 0.0
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
-        turn = 2.0 * jnp.pi * jnp.asarray(cut.position_m) / self.wavelength_m + self.phase_rad
-        more = (self.amplitude * jnp.cos(turn))[..., None, None, None]
+        place_m = jnp.asarray(cut.position_m)[..., None, None]
+        if model.tool.kind not in ("drill", "turning"):
+            place_m = place_m + self.tooth_place * 0.5 * model.tool.diameter_m * jnp.sin(chip.angle_rad)
+        turn = 2.0 * jnp.pi * place_m / self.wavelength_m + self.phase_rad
+        more = (self.amplitude * jnp.cos(turn))[..., None]
         return EdgeForce(force.chip * (1.0 + more), force.edge * (1.0 + self.edge_share * more))
 
     @classmethod

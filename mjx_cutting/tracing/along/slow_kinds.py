@@ -12,7 +12,6 @@ are in `shapes`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import partial
 from itertools import compress
 
 import numpy as np
@@ -21,25 +20,12 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.cutting.effects.layered_material import BORDER_M
 from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 Array = NDArray[np.floating]
-
-
-def _wavelengths(courses: Sequence[Course]) -> Array:
-    """[P, 2] wavelengths from half of the path down to 1 mm, as many as the positions tell apart; the
-    edge's share is nil at first."""
-    path = max(float(np.ptp(each.position_m)) for each in courses)
-    span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
-    samples_per_m = min(len(each.time_s) / max(float(np.ptp(each.position_m)), 1e-9) for each in courses)
-    waves = np.arange(_FEWEST_WAVES / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
-    return 1.0 / waves[:_MOST_SHAPES, None] * [1.0, 0.0]
-
-
-def _carrier(course: Course, edge_share: float) -> Array:
-    return course.force(edge_share)[..., None]
 
 
 def _whole(course: Course) -> Array:
@@ -48,42 +34,6 @@ def _whole(course: Course) -> Array:
 
 def _position(course: Course) -> Array:
     return course.position_m
-
-
-def _periodic(course: Course, shape: Array) -> Array:
-    turn = 2.0 * np.pi * course.position_m / shape[0]
-    force = course.force(shape[1])
-    return np.stack([np.cos(turn)[:, None] * force, -np.sin(turn)[:, None] * force], axis=-1)
-
-
-def _periodic_sums(courses: Sequence[Course], shapes: Array) -> Sums:
-    parts, places = [], []
-    for share in np.unique(shapes[:, 1]):
-        places.append(np.flatnonzero(shapes[:, 1] == share))
-        carrier = partial(_carrier, edge_share=float(share))
-        parts.append(harmonic_sums(courses, _position, carrier, 1.0 / shapes[places[-1], 0]))
-    order = np.argsort(np.concatenate(places))
-    square, product = (
-        np.concatenate(side, axis=1)[:, order]
-        for side in zip(*((each.square, each.product) for each in parts), strict=True)
-    )
-    return Sums(square, product)
-
-
-def _periodic_effect(shape: Array, c: Array) -> AbstractEffect:
-    return effect_class("material_periodicity")(
-        amplitude=float(np.hypot(*c)),
-        wavelength_m=float(shape[0]),
-        phase_rad=float(np.arctan2(c[1], c[0])),
-        edge_share=float(shape[1]),
-    )
-
-
-def _waves_near(shapes: Array, here: Array, zoom: float) -> Array:
-    waves = 1.0 / shapes[:, 0]
-    step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
-    near = 1.0 / np.maximum(1.0 / here[0] + step * np.linspace(-1.0, 1.0, 41), 1e-3)
-    return np.array([(wave, share) for share in (0.0, 1.0) for wave in near])
 
 
 def _layers(courses: Sequence[Course]) -> Array:
@@ -226,8 +176,6 @@ def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
     return effect_class("command_stair")(share=float(c[0]), period_s=float(shape[0]))
 
 
-_MOST_SHAPES = 2000
-_FEWEST_WAVES = 2.0
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.01
 _RESOLVED = 1.5
@@ -236,15 +184,7 @@ _AS_LARGE = 0.25
 BY_PLACE = ("material_periodicity", "layered_material", "hysteresis")
 """Slow effects bound to the way, of the sheet or of the drive."""
 KINDS: tuple[Kind, ...] = (
-    Kind(
-        "material_periodicity",
-        at_several_feeds,
-        _wavelengths,
-        _periodic,
-        _periodic_effect,
-        refine=_waves_near,
-        sums=_periodic_sums,
-    ),
+    PERIODIC,
     Kind(
         "layered_material",
         at_several_feeds,

@@ -8,16 +8,19 @@ fold left out say how much.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import ForceModel, Material
+from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
 from mjx_cutting.tracing.records.course import Course, felt_at
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.trials.dataset import Dataset
@@ -41,12 +44,15 @@ def courses(
     chip_lines, edge_lines = _chip_and_edge(problem, model)
     chip_share, edge_share = _by_fold(problem, folds, chip_lines, edge_lines)
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    teeth = None if dataset.tool.kind in LEVEL_KINDS else AtTeeth(problem, model, _chip_and_edge)
+    rate_hz = dataset.sensor.sample_rate_hz
+    ahead_m = (0.0, 0.0) if teeth is None else teeth.ahead_m
     delay_s, found = filter_delay_s(dataset.sensor), []
     for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
         chip_n, edge_n = (
-            wave(lines, index, each.angle_rad, of_it[index], dataset.sensor.sample_rate_hz)
-            for of_it in (chip_lines, edge_lines)
+            wave(lines, index, each.angle_rad, of_it[index], rate_hz) for of_it in (chip_lines, edge_lines)
         )
+        at_teeth = None if teeth is None else partial(teeth.waves, lines, index, each.angle_rad, rate_hz)
         measured = trial.feed_speed_measured_m_s
         found.append(
             Course(
@@ -56,7 +62,7 @@ def courses(
                 chip_n=chip_n,
                 edge_n=edge_n,
                 left_n=each.residual_n,
-                rate_hz=dataset.sensor.sample_rate_hz,
+                rate_hz=rate_hz,
                 band_hz=lines.band_hz,
                 index=index,
                 angle_rad=each.angle_rad,
@@ -64,6 +70,8 @@ def courses(
                 pitch_s=1.0 / (dataset.tool.teeth * each.speed_rev_s),
                 chip_by_fold=chip_share[:, index],
                 edge_by_fold=edge_share[:, index],
+                ahead_m=ahead_m,
+                at_teeth=at_teeth,
             )
         )
     return tuple(found)

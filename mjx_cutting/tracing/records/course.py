@@ -6,7 +6,7 @@ wave of the chip and one of the edge, on which they act (`slow_kinds`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -38,6 +38,9 @@ class Course:
         pitch_s: time from one tooth to the next.
         apart: whether the steady model was fitted to records without what is looked for.
         chip_by_fold, edge_by_fold: [F, 3] those waves with each fold of trials left out, as shares of them.
+        ahead_m: how far a tooth in the cut is ahead of the tool's centre, at least and at most.
+        at_teeth: [K, 2, T, 3] complex waves of chip and edge whose teeth each turn with exp(i k x), of wave
+            numbers k [K], rad/m, x the way from the middle of `ahead_m` to the tooth; None where not known.
     """
 
     time_s: Array
@@ -55,24 +58,38 @@ class Course:
     pitch_s: float = 1e-3
     chip_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
     edge_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
+    ahead_m: tuple[float, float] = (0.0, 0.0)
+    at_teeth: Callable[[Sequence[float]], NDArray[np.complexfloating]] | None = None
 
     def without(self, fold: int) -> Course:
         """The trial under the steady model that was fitted without a fold."""
-        chip, edge = self.chip_by_fold[fold], self.edge_by_fold[fold]
-        return replace(self, chip_n=self.chip_n * chip, edge_n=self.edge_n * edge)
+        share, at_teeth = np.stack([self.chip_by_fold[fold], self.edge_by_fold[fold]]), self.at_teeth
+        chip_n, edge_n = self.chip_n * share[0], self.edge_n * share[1]
+        of_teeth = None if at_teeth is None else lambda waves: at_teeth(waves) * share[:, None]
+        return replace(self, chip_n=chip_n, edge_n=edge_n, at_teeth=of_teeth)
 
     def force(self, edge_share: float) -> Array:
         """[T, 3] force of the chip and of a share of the edge's, N; nil along an axis of which the fits with
         a fold left out do not agree even of what sign it is."""
+        return np.where(self._known(edge_share), self.chip_n + edge_share * self.edge_n, 0.0)
+
+    def force_at_teeth(self, waves: Sequence[float], edge_share: float) -> NDArray[np.complexfloating]:
+        """[K, T, 3] the same, the teeth's shares turning with wave numbers [K], rad/m (`at_teeth`)."""
+        assert self.at_teeth is not None
+        found = self.at_teeth(waves)
+        return np.where(self._known(edge_share), found[:, 0] + edge_share * found[:, 1], 0.0)
+
+    def _known(self, edge_share: float) -> NDArray[np.bool_]:
+        """[3] the axes along which the fits with a fold left out agree."""
         edge_n = edge_share * self.edge_n
         whole = self.chip_n + edge_n
         if not len(self.chip_by_fold):
-            return whole
+            return np.ones(3, dtype=bool)
         energy = np.maximum(np.sum(whole**2, axis=0), 1e-300)
         of_chip, of_edge = (np.sum(whole * part, axis=0) / energy for part in (self.chip_n, edge_n))
         by_fold = self.chip_by_fold * of_chip + self.edge_by_fold * of_edge
         error = np.sqrt((len(by_fold) - 1) * np.var(by_fold, axis=0))  # jackknife
-        return np.where(error < _KNOWN, whole, 0.0)
+        return np.asarray(error < _KNOWN)
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""

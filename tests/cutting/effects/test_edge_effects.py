@@ -177,6 +177,15 @@ def test_periodic_material_is_coherent_in_position():
     np.testing.assert_allclose(ratio, 1.0 + 0.4 * np.cos(2 * np.pi * position / 5e-3 + 0.3), rtol=1e-9)
 
 
+def test_a_tooth_meets_a_pattern_where_it_is_and_not_where_the_centre_is():
+    """A tooth at th is R sin th ahead: the factor is that of the centre, so much further on."""
+    weave, met = (effect_class("material_periodicity")(0.4, 5e-3, 0.3, 0.5, place) for place in (0.0, 1.0))
+    angle = np.linspace(0.2, 2.9, 41)
+    here = slot(5e-5, 1, angle_rad=angle, position_m=np.linspace(0.0, 0.02, 41))
+    further = here.replace(position_m=here.position_m + 0.0125 * np.sin(angle))
+    np.testing.assert_allclose(force_of(model(1, met), here), force_of(model(1, weave), further), rtol=1e-9)
+
+
 def test_layers_step_at_their_place():
     void = effect_class("layered_material")(-1.0, 0.03, 0.01)
     position = np.array([0.0, 0.0295, 0.0305, 0.035, 0.0395, 0.0405, 0.1])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from mjx_cutting.cutting import ForceModel, Material, Tool
-from mjx_cutting.cutting.effects import FlankWear
-from mjx_cutting.tracing.along.waves import courses
+from mjx_cutting.cutting.effects import FlankWear, MaterialPeriodicity
+from mjx_cutting.tracing.along.at_teeth import AtTeeth
+from mjx_cutting.tracing.along.waves import _chip_and_edge, courses
 from mjx_cutting.tracing.fitting.prediction import predictions
+from mjx_cutting.tracing.fitting.problem import model_lines
 
 CHIP, EDGE = (8e8, 2.4e8, 1.2e8), (2e4, 1.6e4, 4e3)
 WEAR = FlankWear(np.array([3e8, 6e8, 2e8]), rate=1e-3)
@@ -66,3 +71,30 @@ def test_folds_tell_how_sure_either_force_is(seen):
         np.testing.assert_allclose(each.chip_by_fold, [[1.1] * 3, [0.9] * 3], rtol=1e-6)
         np.testing.assert_allclose(each.edge_by_fold, [[1.0] * 3, [0.8] * 3], rtol=1e-6)
         np.testing.assert_allclose(each.without(1).chip_n, 0.9 * each.chip_n)
+
+
+@pytest.mark.parametrize("wavelength_m", [2e-3, 6e-3])
+def test_lines_at_teeth_are_those_of_a_pattern_met_by_them(mill, posed, wavelength_m):
+    """At any place of the centre: lines on a periodic sheet are those on an even one, and these turned."""
+    wave_rad_m, place_m, phase = 2.0 * np.pi / wavelength_m, 3.1e-3, 0.7
+    with jax.enable_x64(True):
+        _, problem = posed(mill())
+        model = _model(CHIP, EDGE)
+        teeth = AtTeeth(problem, model, _chip_and_edge)
+        here = replace(problem, cut=problem.cut.replace(position_m=jnp.full(problem.trials, place_m)))
+        pattern = MaterialPeriodicity(0.3, wavelength_m, phase, 0.4, tooth_place=1.0)
+        fine = replace(here, arc_rad=3.0 * here.arc_rad)
+        expected = np.asarray(model_lines(fine, model.with_effects(pattern)) - model_lines(fine, model))
+        cosine, sine = teeth.lines(wave_rad_m)
+    turn = wave_rad_m * (place_m + 0.5 * sum(teeth.ahead_m)) + phase
+    of_chip, of_edge = np.cos(turn) * cosine - np.sin(turn) * sine
+    found = 0.3 * (of_chip + 0.4 * of_edge)
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+    assert np.abs(expected).max() > 0.1
+
+
+def test_a_wave_longer_than_the_arc_is_met_by_all_teeth_at_once(seen):
+    for each in seen(_model(CHIP, EDGE)):
+        found = each.at_teeth([1e-3])[0]
+        for turned, whole in zip(found, (each.chip_n, each.edge_n), strict=True):
+            np.testing.assert_allclose(turned, whole, atol=1e-4 * np.abs(whole).max())
