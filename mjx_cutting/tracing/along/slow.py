@@ -34,7 +34,8 @@ from mjx_cutting.tracing.naming.decision import (
 )
 from mjx_cutting.tracing.records.course import Course
 
-MOST_SLOW = 4
+MOST_SLOW = 6
+_MOST_LAYERS = 3
 _HATS = 24
 _SHARE_OF_FREE = 0.85
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
@@ -171,7 +172,7 @@ def _stack(
     not: a sheet of several layers. Empty where they do not: steps come near to anything, if not quite."""
     found: list[SlowCandidate] = []
     explained = 0.0
-    while len(found) < MOST_SLOW - 1:
+    while len(found) < _MOST_LAYERS:
         others = [*beside, *(each.shape for each in found)]
         one = _try(kind, trials, before, replace(test, free=0.0), others)
         if not one.decision.accepted:

@@ -151,6 +151,24 @@ def test_mains_is_named_whatever_phase_each_trial_starts_at():
     assert values["frequency_hz"] == pytest.approx(50.02, abs=0.02)
 
 
+def test_three_layers_and_two_lines_of_the_mains_are_all_found():
+    def gain(s, i):
+        return np.select([s < 0.004, s < 0.010, s < 0.013], [0.0, 0.45, -0.3], 0.2)
+
+    trials, _ = _trials(lambda s, i: 0.0 * s)
+    made = []
+    for index, each in enumerate(trials):
+        turn = 2 * np.pi * 50.02 * each.time_s[:, None] + 1.7 * index
+        varied = gain(each.position_m, index)[:, None] * (each.chip_n + each.edge_n)
+        more = varied + HUM * np.cos(turn) + 0.5 * HUM * np.cos(2.0 * turn + 0.4)
+        made.append(replace(each, left_n=each.left_n + more - more.mean(axis=0)))
+    error = np.stack([np.sum(each.left_n**2, axis=0) for each in made])
+    before = HeldOut(error, 20.0 * error, None, np.arange(TRIALS))
+    rounds = search_slow(made, before, np.full(3, 1.0 / NOISE_N))
+    named = [each.accepted.kind.name for each in rounds if each.accepted is not None]
+    assert sorted(named) == ["layered_material"] * 3 + ["mains_pickup"] * 2
+
+
 @pytest.mark.parametrize(
     ("others_rev_s", "named"), [(4 * [25.0], False), (4 * [26.0], True), ([25.0, 26.0, 26.0, 26.0], True)]
 )
