@@ -4,11 +4,12 @@ k_e(L) = k_e0 + kappa VB(L), one kappa a direction, and the land in its three st
 
     VB(L) = VB_0 (1 - exp(-L / L_0)) + w L + w' max(0, L - L')
 
-run-in, steady and late. The fit works on the steady stage, where only kappa w is identifiable: it holds w at
-1 um per metre. Prior: the PHM 2010 tables (3 cutters, 315 cuts each) give VB 24-40 to 165-216 um with a slope
-of 0.21-0.33 N/um of axial force. Signature: force monotone in CUT LENGTH, radial more than tangential, back
-to the start at a tool change; acts on thrust and torque of a drill. Confused with drift of the sensor, which
-runs with the clock and shows in air. Breaks at chipping, and where heat softens the sheet.
+run-in, steady and late. Only kappa times the land is identifiable: the fit of the steady stage holds w at 1
+um per metre, that of several stages the land at the longest length cut. Prior: the PHM 2010 tables (3
+cutters, 315 cuts each) give VB 24-40 to 165-216 um with a slope of 0.21-0.33 N/um of axial force. Signature:
+force monotone in CUT LENGTH, radial more than tangential, back to the start at a tool change; acts on thrust
+and torque of a drill. Confused with drift of the sensor, which runs with the clock and shows in air. Breaks
+at chipping, and where heat softens the sheet.
 """
 
 from __future__ import annotations

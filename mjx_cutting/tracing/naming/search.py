@@ -25,8 +25,8 @@ from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitt
 from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
 from mjx_cutting.tracing.naming.onset import with_onset
-from mjx_cutting.tracing.naming.run_in import with_run_in
 from mjx_cutting.tracing.naming.together import two_at_once
+from mjx_cutting.tracing.naming.wear_stages import in_stages
 from mjx_cutting.tracing.records.lines import Lines
 
 MOST_EFFECTS = 4
@@ -88,7 +88,7 @@ def search(
             progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
             both = (*effects, each.kind)
             one = try_effect(contest, both, each.x, current, heldout)
-            tried.append(with_run_in(one, contest, both, current, heldout))
+            tried.append(in_stages(one, contest, both, current, heldout))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = _accepted(tried)
         found: tuple[Round, ...] = (Round(heldout, screened, tuple(tried), accepted),)

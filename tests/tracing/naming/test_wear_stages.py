@@ -1,4 +1,4 @@
-"""Wear with a run-in is wear: named, and with the length that the run-in takes."""
+"""Wear in stages is wear: named, with the length that a run-in takes and where a late stage begins."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SAMPLES, NOISE_N = 200.0, 400, 0.5
 LENGTHS_M = (0.0, 0.5, 1.5, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0)
+MORE_M = (0.3, 0.7, 1.0, 2.0, 3.0, 5.0, 9.0, 13.0, 19.0, 25.0, 28.0)
 FEEDS_M = (5e-5, 2e-4, 1e-4)
 
 
-def _turned(land_m, seed: int = 0, shorter: float = 1.0) -> Dataset:
-    """Nine cuts of one turning edge of which the wear land is `land_m(length cut)`, over 30 m or a session so
-    many times shorter."""
+def _turned(land_m, seed: int = 0, shorter: float = 1.0, lengths_m=LENGTHS_M) -> Dataset:
+    """Cuts of one turning edge of which the wear land is `land_m(length cut)`, over 30 m or a session so many
+    times shorter."""
     generator, trials = np.random.default_rng(seed), []
     width, speed = 1e-3, 15.0
-    for index, length in enumerate(np.asarray(LENGTHS_M) / shorter):
+    for index, length in enumerate(np.asarray(lengths_m) / shorter):
         feed = FEEDS_M[index % 3]
         level = width * (np.array([0.8e9, 2e9, 0.4e9]) * feed + np.array([3e4, 3e4, 1e4]))
         level += width * land_m(length) * np.array([8e8, 4e8, 3e8])
@@ -63,10 +64,34 @@ def test_wear_that_only_runs_in_is_wear():
     assert values["rate"] < 0.3 * values["initial_m"]
 
 
-def test_even_wear_is_told_without_a_run_in():
+def test_a_late_stage_is_found_with_its_start():
+    verdict = trace(_turned(lambda length: 1e-6 * length + 8e-6 * np.maximum(length - 13.0, 0.0))).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear" and verdict["verdict"] == "explained"
+    values = {name: each["value"] for name, each in wear["parameters"].items()}
+    assert values["late_start_m"] == pytest.approx(13.0, abs=1.0)
+    assert values["late_rate"] / values["rate"] == pytest.approx(8.0, rel=0.2)
+    assert values["initial_m"] == 0.0
+
+
+def test_all_three_stages_are_found():
+    def land_m(length: float) -> float:
+        return 3e-5 * -np.expm1(-length / 1.0) + 2e-6 * length + 1e-5 * np.maximum(length - 18.0, 0.0)
+
+    verdict = trace(_turned(land_m, lengths_m=sorted(LENGTHS_M + MORE_M))).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear" and verdict["verdict"] == "explained"
+    values = {name: each["value"] for name, each in wear["parameters"].items()}
+    assert values["run_in_m"] == pytest.approx(1.0, rel=0.15)
+    assert values["late_start_m"] == pytest.approx(18.0, abs=1.5)
+    assert values["initial_m"] / values["rate"] == pytest.approx(15.0, rel=0.2)
+
+
+def test_even_wear_is_told_without_stages():
     verdict = trace(_turned(lambda length: 6e-6 * length)).verdict
     (wear,) = verdict["effects"]
     assert wear["name"] == "flank_wear" and wear["parameters"]["initial_m"]["value"] == 0.0
+    assert wear["parameters"]["late_rate"]["value"] == 0.0
     assert wear["parameters"]["kappa_n_m2"]["values"] == pytest.approx([6 * 4e8, 6 * 8e8, 6 * 3e8], rel=0.03)
 
 

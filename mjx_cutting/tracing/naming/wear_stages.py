@@ -1,0 +1,125 @@
+"""Wear in its stages: an edge wears fast while it is sharp, then evenly, and fast again before it fails.
+
+Wear that grows evenly is tried first, because fewer unknowns leave more to be sure of. Where its land leaves
+more than noise, it is fitted with a run-in and with a late stage as well, then with both, and each is kept
+where it explains more than chance does. Without a run-in, force that rises fast and then slowly is a sensor's
+drift rather than wear; without a late stage, wear that sets in late is scatter over the trials.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import Tool
+from mjx_cutting.cutting.effects.flank_wear import RATE, FlankWear
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects, Fit
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance, try_effect
+from mjx_cutting.tracing.naming.decision import CHANCE
+
+_RUN_IN = (0.03, 0.1, 0.3)
+_LATE = (0.4, 0.6, 0.8)
+_LATEST = 0.95
+_STEPS = 10
+_WORTH_IT = 0.9
+
+
+class WearInStages(FlankWear):
+    """Flank wear with a run-in, a late stage or both. Only kappa times the land shows, so the land at the
+    longest length cut, `longest_m`, is held at what even wear makes there. Coordinates: kappa as of
+    `FlankWear`; where it `runs_in`, the share of that land that does (logit) and the length it takes
+    (logarithm, m); where it has a `late` stage, the share of the rest that is of it (logit) and where it
+    begins, as a share of `_LATEST` of the longest length (logit)."""
+
+    longest_m: ClassVar[float]
+    runs_in: ClassVar[bool]
+    late: ClassVar[bool]
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 3 + 2 * (cls.runs_in + cls.late)
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> WearInStages:
+        steady, rest = FlankWear.build(coordinates[:3], tool), jnp.asarray(1.0)
+        stages: dict[str, Array] = {}
+        if cls.runs_in:
+            share, length = jax.nn.sigmoid(coordinates[3]), jnp.exp(coordinates[4])
+            land = share * RATE * cls.longest_m / -jnp.expm1(-cls.longest_m / length)
+            stages |= {"initial_m": land, "run_in_m": length}
+            rest = 1.0 - share
+        if cls.late:
+            share, start = jax.nn.sigmoid(coordinates[-2]), _LATEST * jax.nn.sigmoid(coordinates[-1])
+            stages |= {
+                "late_rate": rest * share * RATE / (1.0 - start),
+                "late_start_m": start * cls.longest_m,
+            }
+            rest = rest * (1.0 - share)
+        return cls(steady.kappa_n_m2, rest * RATE, **stages)
+
+    @classmethod
+    def starts(cls, tool: Tool) -> np.ndarray:
+        ways = ([0.0, np.log(0.1 * cls.longest_m)] if cls.runs_in else []) + ([0.0, 0.0] if cls.late else [])
+        return np.asarray([[0.3, 0.5, 0.3, *ways]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where wear is tried, by the arguments of `candidate.try_effect`."""
+
+    contest: Contest
+    beside: Effects
+    before: Fit
+    before_heldout: HeldOut
+
+    def better(
+        self, fewer: Candidate, kind: type[FlankWear], starts: list[NDArray[np.floating]]
+    ) -> Candidate:
+        """Wear of a `kind`, where that explains more than chance adds to the one with `fewer` stages."""
+        problem, lines = self.contest.problem, self.contest.lines
+        descent = Descent(problem, (*self.beside, kind))
+        best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
+        more = try_effect(self.contest, (*self.beside, kind), best, self.before, self.before_heldout)
+        known = (*self.beside, fewer.kind)
+        p = beyond_chance(problem, lines, known, fewer.fit, (*self.beside, kind), more.fit, len(starts))
+        return more if p <= CHANCE and more.heldout.nrmse < fewer.heldout.nrmse else fewer
+
+
+def in_stages(
+    found: Candidate, contest: Contest, effects: Effects, before: Fit, before_heldout: HeldOut
+) -> Candidate:
+    """The candidate `found`, or wear in stages where that is even wear and they explain more.
+
+    Arguments: those of `candidate.try_effect`, by which `found` was tried.
+    """
+    if found.kind is not FlankWear or not found.heldout.nrmse < _WORTH_IT * before_heldout.nrmse:
+        return found
+    place = _Place(contest, effects[:-1], before, before_heldout)
+    longest_m = float(np.max(np.asarray(contest.problem.cut.cut_length_m)))
+    x = np.asarray(found.fit.x)
+    sharp = [np.array([0.0, np.log(share * longest_m)]) for share in _RUN_IN]
+    blunt = [np.array([0.0, np.log(share / (_LATEST - share))]) for share in _LATE]
+    running_in = place.better(found, _kind(longest_m, runs_in=True), [np.append(x, each) for each in sharp])
+    late = place.better(found, _kind(longest_m, late=True), [np.append(x, each) for each in blunt])
+    one = min(found, running_in, late, key=lambda each: each.heldout.nrmse)
+    if one is found:
+        return found
+    x = np.asarray(one.fit.x)
+    if one is running_in:
+        starts = [np.append(x, each) for each in blunt]
+    else:
+        starts = [np.concatenate([x[:-2], each, x[-2:]]) for each in sharp]
+    return place.better(one, _kind(longest_m, runs_in=True, late=True), starts)
+
+
+def _kind(longest_m: float, runs_in: bool = False, late: bool = False) -> type[WearInStages]:
+    of_it = {"longest_m": longest_m, "runs_in": runs_in, "late": late}
+    return type("WearInStages", (WearInStages,), of_it)
