@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import jax.numpy as jnp
 import numpy as np
@@ -69,13 +69,14 @@ class AtTeeth:
         finer = replace(problem, arc_rad=problem.arc_rad + turn_rad / max(problem.orders, 1))
         middle_m = 0.5 * sum(self.ahead_m)
 
+        @cache
+        def even() -> Complex:
+            return np.stack(split(finer, model))
+
         @lru_cache(maxsize=_KEPT)
         def lines(wave_rad_m: float) -> Complex:
-            late = (None, 0.0, 0.5 * np.pi)
-            even, cosine, sine = (
-                np.stack(split(finer, _on(model, wave_rad_m, middle_m, each))) for each in late
-            )
-            return np.stack([cosine - even, sine - even])
+            patterns = (_Pattern(wave_rad_m, middle_m, late) for late in (0.0, 0.5 * np.pi))
+            return np.stack([split(finer, model.with_effects(each)) - even() for each in patterns])
 
         self.lines = lines
         """[2, 2, R, orders + 1, 3] of a wave number, rad/m: with cosine and sine, of chip and edge."""
@@ -90,7 +91,3 @@ class AtTeeth:
         found = wave(lines, trial, angle_rad, columns.reshape(len(columns), -1), rate_hz)
         cosine, sine = np.moveaxis(found.reshape(-1, *columns.shape[1:]), [2, 0], [0, 3])
         return np.asarray(cosine + 1j * sine)
-
-
-def _on(model: ForceModel, wave_rad_m: float, middle_m: float, late_rad: float | None) -> ForceModel:
-    return model if late_rad is None else model.with_effects(_Pattern(wave_rad_m, middle_m, late_rad))
