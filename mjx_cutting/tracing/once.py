@@ -47,6 +47,8 @@ _MUCH = 0.05
 _TIMES = 2
 _BESIDE = 2
 _PROMISING = 0.2
+_MUCH_OF_IT = 0.4
+_LEFT = 0.12
 Array = NDArray[np.floating]
 
 
@@ -161,7 +163,7 @@ def once(
     searches = _Searches(band_hz, tuple(kind.name for kind in kinds), seed, progress, posed)
     alone = searches.steady(dataset, steady)
     first = searches.along(alone, alone.search.final, in_range=False)
-    found = _freed(first, steady, searches)
+    found = _beside_steady(first, steady, searches) or _freed(first, steady, searches)
     if not all(each.decision.physical for each in found.along):
         found = searches.along(alone, alone.search.final)
     moving = [kind for kind in steady if kind.by_position]
@@ -211,6 +213,38 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Search
         if taken is None:
             return first
     return found
+
+
+def _beside_steady(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass | None:
+    """The pass that names an effect along the trials and steady ones beside it, where `first` found neither:
+    what each leaves of the other's work is scatter to a test of it alone. None where it names not both, or
+    much of what was missing is left."""
+    doubtful = None if first.kinds or near_floor(first) else _doubtful(first)
+    if doubtful is None:
+        return None
+    tried = first.with_round(SlowRound(first.final, (doubtful,), doubtful))
+    found = _freed(tried, kinds, searches)
+    names = {each.kind for each in found.along}
+    if found is tried or not found.search.effects or doubtful.kind not in names:
+        return None
+    return found if _missing(found) < _LEFT * _missing(first) else None
+
+
+def _doubtful(first: Pass) -> SlowCandidate | None:
+    """What explains most along the trials, if that is much of what is missing and all that refuses it is how
+    its gain scatters over them."""
+    candidates = first.slow[-1].candidates if first.slow else ()
+    best = next((each for each in candidates if each.decision.unsure), None)
+    if best is None or best is not candidates[0]:
+        return None
+    explained = first.final.nrmse**2 - best.heldout.nrmse**2
+    return best if explained >= _MUCH_OF_IT * _missing(first) else None
+
+
+def _missing(found: Pass) -> float:
+    """Share of the force's energy that is left on held-out trials beyond the noise."""
+    floor = found.noise_over * noise_floor(found.dataset, found.lines)
+    return max(found.final.nrmse**2 - floor**2, 0.0)
 
 
 def _refitted(

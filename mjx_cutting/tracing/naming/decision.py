@@ -60,7 +60,7 @@ class Decision:
 
     `physical` is False where it explains what it does only with a parameter at the edge of its range;
     `untold` is True where all that failed is what would tell it from another effect, `scattered` where it is
-    that the gain differs much from trial to trial.
+    that the gain differs much from trial to trial, `unsure` where it is that or chance.
     """
 
     accepted: bool
@@ -72,6 +72,7 @@ class Decision:
     reasons: tuple[str, ...]
     untold: bool = False
     scattered: bool = False
+    unsure: bool = False
 
 
 def chance(drop: float, added: int, spread: float, floor: float, freedom: int, tries: int) -> float:
@@ -267,7 +268,7 @@ def decide(
     gain, error = gain_over_trials(before, after)
     within = gain < STANDARD_ERRORS * error and chance_over_trials(before, after, 1) > CHANCE
     reasons, scattered = [], False
-    if p_chance > CHANCE:
+    if by_chance := p_chance > CHANCE:
         reasons.append(
             f"chance alone gives the best candidate as much (p = {p_chance:.2g}, limit {CHANCE:g})"
         )
@@ -303,9 +304,10 @@ def decide(
             )
     reasons += beyond if in_range else []
     untold = bool(nil) and kind.strength not in nil and len(reasons) == len(nil)
+    unsure = bool(reasons) and len(reasons) == by_chance + scattered
     scattered = scattered and len(reasons) == 1
     return Decision(
-        not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered
+        not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered, unsure
     )
 
 
