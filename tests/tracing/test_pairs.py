@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.study import make
+from benchmarks.study.fewer import FEWER
 from mjx_cutting.tracing.trace import trace
 
 
@@ -47,3 +48,19 @@ def test_drift_is_found_beneath_a_hum_of_the_mains():
     found = trace(case.dataset, effects=[*hidden, "flank_wear", "unbalance"])
     assert {each["name"] for each in found.verdict["effects"]} == set(hidden)
     assert found.verdict["after"]["heldout_nrmse"] < 1.1 * found.verdict["noise_floor_nrmse"]
+
+
+@pytest.mark.slow
+def test_runout_and_a_pattern_are_found_together_where_few_cuts_show_neither_alone():
+    """Five cuts: what each leaves of the other's work is scatter, and alone chance might have made it."""
+    case = make("mill", {"radial_runout": 0.5, "material_periodicity": 1.0}, seed=511)
+    found = trace(FEWER["five"](case.dataset), effects=["radial_runout", "material_periodicity"])
+    assert {each["name"] for each in found.verdict["effects"]} == {"radial_runout", "material_periodicity"}
+    assert found.verdict["after"]["heldout_nrmse"] < 1.1 * found.verdict["noise_floor_nrmse"]
+    true = case.truth["effects"]
+    runout, pattern = (
+        next(each for each in found.model.effects if each.name == name)
+        for name in ("radial_runout", "material_periodicity")
+    )
+    assert float(runout.offset_m) == pytest.approx(true["radial_runout"]["offset_m"], rel=0.03)
+    assert float(pattern.amplitude) == pytest.approx(true["material_periodicity"]["amplitude"], rel=0.03)

@@ -34,6 +34,7 @@ NOTICEABLE = 0.02
 _SLOW_TERMS = 6
 _PERMUTATIONS = 4000
 _RIDGE = 1e-9
+_ALIKE = 0.02
 _SHARE_OF_OWN = 0.5
 
 
@@ -130,9 +131,8 @@ class _Split(NamedTuple):
 def _split(prediction: Prediction, orders: int) -> _Split:
     left = prediction.residual_n - prediction.residual_n.mean(axis=0)
     columns = basis(prediction.angle_rad, orders)[:, 1:]
-    gram = columns.T @ columns
-    gram.flat[:: len(gram) + 1] += _RIDGE * len(left)
-    weights = np.linalg.solve(gram, columns.T @ left)
+    # two orders that aliasing puts at one frequency share the line there: what is between them is not told
+    weights = np.linalg.pinv(columns.T @ columns, rcond=_ALIKE, hermitian=True) @ columns.T @ left
     return _Split(left, columns, weights, left - columns @ weights)
 
 

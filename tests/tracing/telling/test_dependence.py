@@ -54,6 +54,19 @@ def test_white_noise_depends_on_nothing(dataset):
     assert wrong == [set()] * 20
 
 
+def test_orders_that_aliasing_puts_at_one_frequency_are_no_dependence(dataset):
+    """At this speed tooth order 12 is sampled where order 11 is: their difference can be anything."""
+    rate_hz = 1.0 / float(np.diff(dataset.trials[0].time_s[:2])[0])
+    tests = []
+    for seed in range(5):
+        noise = _left(dataset, lambda t, a, i: 0 * t, seed)
+        turned = [replace(each, angle_rad=2 * np.pi * rate_hz / 23.00001 * each.time_s) for each in noise]
+        tests += dependences(dataset, turned, teeth=4, orders=12)
+    assert not [each for each in tests if each.found]
+    lines = [each for each in tests if each.covariate in ("tooth phase", "spindle order")]
+    assert len(lines) == 10 and max(each.share for each in lines) < 0.05
+
+
 @pytest.mark.parametrize(
     ("covariate", "added"),
     [
