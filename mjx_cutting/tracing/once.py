@@ -34,6 +34,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
 from mjx_cutting.tracing.fitting.prediction import Prediction, grows, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.fitting.screening import screen
+from mjx_cutting.tracing.guards.now_and_then import rather_now_and_then
 from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.naming.search import Search, search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -185,11 +186,19 @@ def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Cal
 
 
 def _rather_the_rest(found: Pass) -> str | None:
-    """Why the steady effects found are refused, by all that is missing; None where they are not. Levels
-    scatter from trial to trial by more than the noise within one, and there is no telling of what part."""
+    """Why the steady effects found are refused, by all that is missing or because they come and go; None
+    where they are not. Levels scatter from trial to trial by more than the noise within one, and there is no
+    telling of what part."""
     if not found.search.effects or found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return None
-    return rather_the_rest(found.search.base, found.final, noise_floor(found.dataset, found.lines))
+    floor = noise_floor(found.dataset, found.lines)
+    why = rather_the_rest(found.search.base, found.final, floor)
+    if why is None and not found.along:
+        half_hz = 0.5 * found.dataset.sensor.sample_rate_hz
+        why = rather_now_and_then(
+            found.before, found.after, floor, min(found.lines.band_hz[1] / half_hz, 1.0)
+        )
+    return why
 
 
 def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: _Searches) -> Pass:

@@ -21,6 +21,7 @@ from mjx_cutting.trials.dataset import Dataset
 
 FOLDS = 10
 ONE_BY_ONE = 12
+_SEVERAL_TOOLS = 3
 _STEPS = 6
 
 
@@ -58,11 +59,12 @@ class HeldOut:
 
 
 def folds(dataset: Dataset, seed: int) -> NDArray[np.int64]:
-    """[R] fold of each cut trial: by tool where there are several, else by trial (ten if over 12)."""
+    """[R] fold of each cut trial: by tool where there are several, else by trial (ten if over 12). Two tools
+    are not several: from the difference of two fits nobody can tell how sure a parameter is."""
     trials = list({whole_file(trial.file): trial for trial in dataset.trials if trial.kind == "cut"}.values())
     tools = [trial.tool_id for trial in trials]
     names = sorted({tool for tool in tools if tool is not None})
-    if len(names) > 1 and None not in tools:
+    if len(names) >= _SEVERAL_TOOLS and None not in tools:
         return np.array([names.index(str(tool)) for tool in tools])
     count = len(trials)
     if count <= ONE_BY_ONE:

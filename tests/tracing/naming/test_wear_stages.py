@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,19 @@ def test_even_wear_is_told_without_stages():
     assert wear["name"] == "flank_wear" and wear["parameters"]["initial_m"]["value"] == 0.0
     assert wear["parameters"]["late_rate"]["value"] == 0.0
     assert wear["parameters"]["kappa_n_m2"]["values"] == pytest.approx([6 * 4e8, 6 * 8e8, 6 * 3e8], rel=0.03)
+
+
+def test_wear_of_two_inserts_is_named():
+    """Of two tools, each held out once, nobody could say how sure a parameter is; so trials are held out."""
+    lengths = (0.0, 2.0, 5.0, 9.0, 14.0, 20.0)
+    first, second = (_turned(lambda length, per=per: per * length, lengths_m=lengths) for per in (5e-6, 8e-6))
+    trials = [replace(each, tool_id="a") for each in first.trials]
+    trials += [replace(each, tool_id="b", file=f"b{each.file}") for each in second.trials]
+    verdict = trace(replace(first, trials=tuple(trials))).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear"
+    assert 5 * 4e8 < wear["parameters"]["kappa_n_m2"]["values"][0] < 8 * 4e8
+    assert verdict["after"]["heldout_nrmse"] < 0.5 * verdict["before"]["heldout_nrmse"]
 
 
 def test_a_sharp_edge_has_none():
