@@ -85,9 +85,10 @@ class RobotMode(AbstractEffect):
     def starts(cls, tool: Tool) -> np.ndarray:
         return np.asarray(
             [
-                [0.5, np.log(f / 40.0), 0.0, a]
+                [mass, np.log(f / 40.0), 0.0, a]
+                for mass in (0.5, 2.5)
                 for f in np.geomspace(8.0, 280.0, 12)
-                for a in (0.3, 0.3 + np.pi / 2)
+                for a in np.linspace(0.0, 0.75 * np.pi, 4)
             ]
         )
 
