@@ -110,6 +110,8 @@ class AbstractEffect(eqx.Module):
         damps: True where all that the effect does is to take energy from the lines, most from the highest.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
+        only_axis: index of the one axis of force that the effect changes: the others show the constants
+            without it. None where it changes several.
         most: how many of the kind one tool may show at once, each with parameters of its own.
         physical: False for what is no missing cause (a term that fits without saying why, plain geometry);
             tracing never names it.
@@ -131,6 +133,7 @@ class AbstractEffect(eqx.Module):
     alike: ClassVar[bool] = False
     damps: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
+    only_axis: ClassVar[int | None] = None
     most: ClassVar[int] = 1
     physical: ClassVar[bool] = True
     signature: ClassVar[str] = ""

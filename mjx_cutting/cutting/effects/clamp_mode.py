@@ -48,6 +48,7 @@ class ClampMode(AbstractEffect):
     }
     telling = ("gradient_1_m", "curvature_1_m2")
     by_position = True
+    only_axis = 1
     sharp = ("frequency_hz",)
     signature = "normal axis only, at a frequency that varies with position"
     confused_with = {"robot_mode": "a robot's mode moves with the pose, not along the path"}
@@ -87,8 +88,10 @@ class ClampMode(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        frequencies = np.log(np.geomspace(20.0, 450.0, 14) / 100.0)
-        return np.asarray([[0.5, f, slope, 0.0, 0.0] for f in frequencies for slope in (0.0, -3.0, 3.0)])
+        frequencies = np.log(np.geomspace(20.0, 450.0, 28) / 100.0)
+        still = [[1.5, f, 0.0, 0.0, 0.0] for f in frequencies]
+        moving = [[0.5, f, slope, 0.0, 0.0] for f in frequencies[::2] for slope in (-3.0, 3.0)]
+        return np.asarray([*still, *moving])
 
     @classmethod
     def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:

@@ -230,7 +230,7 @@ def padded(problem: Problem) -> Problem:
 
     def by_trial(problem: Problem) -> tuple[Any, ...]:
         record = problem.cut, problem.path_m, problem.whitened, problem.factor, problem.present, problem.gain
-        return record if problem.motion is None else (*record, problem.motion, problem.trust)
+        return (*record, *(each for each in (problem.motion, problem.trust) if each is not None))
 
     more = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[index]), by_trial(problem))
     return eqx.tree_at(by_trial, problem, more)

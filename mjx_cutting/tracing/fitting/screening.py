@@ -2,15 +2,17 @@
 are worth a full one, and what of each the trials could show at all.
 
 Each effect descends a few steps from those starts that a first one brings lowest, then further from the best
-(`descent`). The same numbers give the two figures of an isolability analysis: how much of an effect's mark on
-the lines survives refitting what is in the model already (phases and biases with it), and the cosine between
-what survives of two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
+(`descent`). A strong resonance on one axis draws the constants far from where they belong, and no descent
+finds back; so where most of what is left is on the one axis that an effect changes, it also starts beside
+constants fitted to the others. The same numbers give the two figures of an isolability analysis: how much of
+an effect's mark on the lines survives refitting what is in the model already (phases and biases with it), and
+the cosine between what survives of two effects (Frank and Ding, Automatica 33 (1997) 87-97, for the idea).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +30,8 @@ _STEPS = 8
 _EXPLAINS = 1e-2
 _EXPLAINS_MUCH = 0.1
 _TRIED_AGAIN = 2
+_MOST_OF_IT = 0.5
+_NEXT_TO_NONE = 0.02
 Matrix = NDArray[np.floating]
 
 
@@ -78,7 +82,13 @@ def _screen(
     span = np.linalg.qr(slope[: so_far.measured])[0]
     starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
     if len(starts) > _TRIED:
-        starts = starts[np.argsort(both.glance(starts, slope))[:_TRIED]]
+        lowest = both.glance(starts, slope)
+        beside = _without_axis(so_far, x, kind.only_axis)
+        if beside is not None:
+            others = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(beside)))
+            starts = np.concatenate([starts, others])
+            lowest = np.concatenate([lowest, both.glance(others, so_far.around(beside)[1])])
+        starts = starts[np.argsort(lowest)[:_TRIED]]
     tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
     best, reached = both.descend(tries[0][0], _STEPS)
     if reached < (1.0 - _EXPLAINS_MUCH) * squares:
@@ -94,6 +104,20 @@ def _screen(
     )
     direction = surviving / max(size, 1e-300)
     return Screened(kind, best, share, min(1.0, size / max(whole, 1e-300)), size, direction)
+
+
+def _without_axis(so_far: Descent, x: Matrix, axis: int | None) -> Matrix | None:
+    """The unknowns of the model so far, fitted from `x` without `axis`; None where less than most of what is
+    left is on that axis."""
+    problem = so_far.problem
+    if axis is None or problem.motion is not None:
+        return None
+    left = np.sum(so_far.rows(x[None]).error_n2[0] * np.asarray(problem.weight) ** 2, axis=0)
+    if left[axis] < _MOST_OF_IT * left.sum():
+        return None
+    trust = np.where(np.arange(3) == axis, _NEXT_TO_NONE, 1.0) * np.ones((problem.trials, 1))
+    others = replace(problem, trust=jnp.asarray(trust))
+    return Descent(others, so_far.effects).descend(x, _STEPS)[0]
 
 
 def _again(both: Descent, best: Matrix, reached: float, slope: Matrix) -> tuple[Matrix, float]:

@@ -63,16 +63,17 @@ def _on_a_soft_arm(dataset: Dataset, mode: dict[str, float]) -> Dataset:
     return replace(dataset, trials=tuple(trials))
 
 
-def _check_mode(dataset: Dataset, mode: dict[str, float]) -> None:
+def _check_mode(dataset: Dataset, mode: dict[str, float], name: str = "robot_mode") -> None:
+    kind = effect_class(name)
     with _platform.x64():
         problem = pose(dataset, compress(dataset, trusted_band(dataset, None)))
         problem = reweighted(problem, fit(problem, (), base_starts(problem)))
         base = fit(problem, (), base_starts(problem))
-        (found,) = screen(problem, (), base.x, [effect_class("robot_mode")])
-    read = effect_class("robot_mode").build(found.x[-4:], problem.tool)
-    assert found.share > 0.99
-    for name, true in mode.items():
-        assert float(getattr(read, name)) == pytest.approx(true, rel=0.02), name
+        (found,) = screen(problem, (), base.x, [kind])
+    read = kind.build(found.x[-kind.size(problem.tool) :], problem.tool)
+    assert found.share > 0.98
+    for parameter, true in mode.items():
+        assert float(getattr(read, parameter)) == pytest.approx(true, rel=0.05), parameter
 
 
 SHEET = Sheet((7.6e8, 2.3e8, 1.1e8), (2.1e4, 1.9e4, 4e3))
@@ -96,21 +97,31 @@ def test_a_mode_is_found_on_its_own_side_of_the_few_lines_that_show_it():
     _check_mode(_on_a_soft_arm(made, mode), mode)
 
 
-@pytest.mark.slow
-def test_a_heavy_tool_on_a_mode_beside_tooth_passing_is_found():
-    """At one of three speeds tooth passing is five times what it was: a small start never gets there."""
+def _sawn() -> Dataset:
+    """Tooth passing stands at 98, 127 and 170 Hz."""
     cuts = [
         Conditions(speed, speed * 24 * chip, depth, 1.2e-3, "conventional")
         for speed in (4.1, 5.3, 7.1)
         for depth in (1e-3, 2e-3)
         for chip in (1e-5, 2.5e-5, 6e-5)
     ]
-    made = make_trials(
-        ToolInfo("slitting_saw", 24, 0.063),
-        SHEET,
-        cuts,
-        Sensor(500.0, (0.3, 0.3, 0.6), anti_alias=AntiAlias(order=4, hz=200.0)),
-        duration_s=5.0,
-    )
+    sensor = Sensor(500.0, (0.3, 0.3, 0.6), anti_alias=AntiAlias(order=4, hz=200.0))
+    return make_trials(ToolInfo("slitting_saw", 24, 0.063), SHEET, cuts, sensor, duration_s=5.0)
+
+
+@pytest.mark.slow
+def test_a_heavy_tool_on_a_mode_beside_tooth_passing_is_found():
+    """At one of three speeds tooth passing is five times what it was: a small start never gets there."""
     mode = {"mass_ratio": 0.52, "frequency_hz": 133.6, "damping": 0.0445, "direction_rad": 1.1}
-    _check_mode(_on_a_soft_arm(made, mode), mode)
+    _check_mode(_on_a_soft_arm(_sawn(), mode), mode)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mass_ratio", "frequency_hz", "damping"), [(0.88, 79.0, 0.022), (0.72, 96.0, 0.038)]
+)
+def test_constants_that_a_sheet_swinging_drew_far_off_are_read_on_the_other_axes(
+    mass_ratio: float, frequency_hz: float, damping: float
+) -> None:
+    mode = {"mass_ratio": mass_ratio, "frequency_hz": frequency_hz, "damping": damping}
+    _check_mode(_on_a_soft_arm(_sawn(), mode | {"direction_rad": np.pi / 2}), mode, "clamp_mode")
