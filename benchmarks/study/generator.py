@@ -142,6 +142,7 @@ def _trial(
     work = milling_of(session, cut, drawn)
     measured_feed = _travels(work, cut, drawn, own, count / session.sensor.sample_rate_hz)
     outside.wander(work, drawn, index)
+    outside.stick(work, drawn, index)
     continuous_tool = session.design in ("drill", "turning")
     if cut.kind == "air":
         force = np.zeros((len(time), 3))

@@ -27,7 +27,8 @@ class Milling:
     """One trial to be cut: geometry, constants [3], speed, feed, effects by name, and how it goes in time.
 
     travel: position along the path at a time, m (vectorised); wander: lead of the spindle angle over even
-    turning, rad, at an angle.
+    turning, rad, at an angle; stuck: by how much a pass reaches further than its tooth alone, m, by its
+    number.
     """
 
     teeth: int
@@ -45,6 +46,7 @@ class Milling:
     effects: dict[str, Params] = field(default_factory=dict)
     travel: Callable[[Array], Array] | None = None
     wander: Callable[[Array], Array] | None = None
+    stuck: Callable[[NDArray[np.integer]], Array] | None = None
 
     def arc(self) -> tuple[float, float]:
         """Angles at which a tooth enters and leaves, rad."""
@@ -134,10 +136,10 @@ def passes(cut: Milling, begin_s: float, end_s: float, cells: int) -> tuple[Arra
     spindle = cut.lags()[tooth] + 2.0 * np.pi * (index // cut.teeth)
     time = cut.time_at(spindle[:, None] + angle)
     broken = cut.effects.get("broken_tooth")
-    contact, thick = _chips(cut, time, tooth, sine, None)
+    contact, thick = _chips(cut, time, index, sine, None)
     if broken:
         gone = float(broken["share"])
-        lame, fat = _chips(cut, time, tooth, sine, int(broken["tooth"]))
+        lame, fat = _chips(cut, time, index, sine, int(broken["tooth"]))
         parts = [(1.0 - gone, contact, thick), (gone, lame, fat)]
     else:
         parts = [(1.0, contact, thick)]
@@ -174,11 +176,14 @@ def passes(cut: Milling, begin_s: float, end_s: float, cells: int) -> tuple[Arra
 
 
 def _chips(
-    cut: Milling, time: Array, tooth: NDArray[np.integer], sine: Array, absent: int | None
+    cut: Milling, time: Array, index: NDArray[np.integer], sine: Array, absent: int | None
 ) -> tuple[Array, Array]:
-    """Contact (0 to 1) and thickness [P, n] of every pass; a tooth may be absent."""
-    reach = cut.reaches()
-    tip = cut.position(time) * sine + reach[tooth][:, None]
+    """Contact (0 to 1) and thickness [P, n] of every pass by its number; a tooth may be absent."""
+    tooth = index % cut.teeth
+    reach = cut.reaches()[tooth]
+    if cut.stuck is not None:
+        reach = reach + cut.stuck(index)
+    tip = cut.position(time) * sine + reach[:, None]
     if absent is not None:
         tip = np.where((tooth == absent)[:, None], -np.inf, tip)
     surface = np.maximum.accumulate(tip, axis=0)
@@ -206,7 +211,7 @@ def _inside_sheet(cut: Milling, place: Array, sine: Array) -> Array:
 
 def mean_load(cut: Milling) -> tuple[Array, float]:
     """Mean force [3] N and torque N m over a steady turn."""
-    steady = Milling(**{**cut.__dict__, "travel": None, "wander": None, "phase_rad": 0.0})
+    steady = Milling(**{**cut.__dict__, "travel": None, "wander": None, "stuck": None, "phase_rad": 0.0})
     local = ("entry_exit", "material_periodicity", "layered_material", "torque_ripple")
     steady.effects = {name: p for name, p in cut.effects.items() if name not in local}
     _, force, tangential, _ = passes(steady, 0.0, 1.0 / cut.speed_rev_s, _LEAST_CELLS)

@@ -1,10 +1,11 @@
-"""What is beyond any library: gains that switch or walk, smooth maps of position, cross terms, memory."""
+"""What is beyond any library: gains that switch or walk, maps of position, cross terms, memory, chips."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .designs import Plan, TrueCut, stream
 from .milling import Array, Milling
@@ -71,6 +72,23 @@ def wander(work: Milling, drawn: dict[str, Params], index: int) -> None:
     for i in range(1, len(knots)):
         walk[i] = 0.995 * walk[i - 1] + steps[i]
     work.wander = lambda angle: np.interp(angle, knots, walk)
+
+
+def stick(work: Milling, drawn: dict[str, Params], index: int) -> None:
+    """Lets a chip stick to one tooth now and then, for some turns, which makes it cut deeper."""
+    if "sticking_chip" not in drawn:
+        return
+    p = drawn["sticking_chip"]
+    tooth = int(stream(p["seed"], "which").integers(work.teeth))
+    rng = stream(p["seed"], "sticks", index)
+    changes = np.cumsum(rng.exponential(8.0, 4000)) - 400.0
+    thick = 2.0 * p["size"] * work.feed_m_s / (work.speed_rev_s * work.teeth)
+
+    def more(number: NDArray[np.integer]) -> Array:
+        sticks = np.searchsorted(changes, number // work.teeth) % 2
+        return np.where(number % work.teeth == tooth, thick * sticks, 0.0)
+
+    work.stuck = more
 
 
 def spiked(record: Array, drawn: dict[str, Params], index: int) -> Array:

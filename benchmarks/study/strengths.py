@@ -270,9 +270,13 @@ OUTSIDE: dict[str, str] = {
     "speed_softening": "the force falls with the logarithm of the cutting speed",
     "previous_force": "the force depends on the mean force of the second before",
     "speed_wander": "the spindle angle wanders at random about even turning",
+    "sticking_chip": "a chip sticks to one tooth now and then, for some turns",
     "spikes": "single samples are hit by electrical interference",
 }
 """What no library holds."""
+
+OF_TEETH = ("speed_wander", "sticking_chip")
+"""Of those, what takes several teeth to show."""
 
 
 def draw(name: str, plan: Plan, strength: str | float, rng: np.random.Generator) -> Params:

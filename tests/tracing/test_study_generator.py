@@ -205,3 +205,30 @@ def test_a_session_cut_down_keeps_what_its_word_says():
     assert {(each.kind, each.clock_start_s, each.cut_length_before_m) for each in bare.trials} == {
         ("cut", 0.0, 0.0)
     }
+
+
+def test_what_a_stuck_chip_lets_one_tooth_take_more_the_next_one_lacks():
+    def taken(stuck):
+        cut = reference_cut(edge_n_m=np.zeros(3), stuck=stuck)
+        return milling.passes(cut, 0.0, 0.1, 256)[2].sum(axis=1)
+
+    more = taken(lambda number: np.where(number == 9, 2e-5, 0.0)) - taken(None)
+    (deep,) = np.flatnonzero(more > 1e-9)
+    assert more[deep] == pytest.approx(-more[deep + 1 :].sum(), rel=1e-2)
+    assert more[deep + 1] < -0.8 * more[deep]
+    assert np.abs(more[:deep]).max() < 1e-9 * more[deep]
+
+
+@pytest.mark.parametrize("design", ["mill", "saw"])
+def test_chips_stick_and_let_go_at_random_times(design):
+    plain = study.make(design, {}, 7).dataset
+    stuck = study.make(design, {"sticking_chip": "strong"}, 7).dataset
+    shares = []
+    for a, b in zip(plain.trials, stuck.trials, strict=True):
+        if a.kind == "cut":
+            more = np.abs(b.force_n - a.force_n)[:, 1]
+            turns = round(float(np.ptp(a.time_s)) * a.spindle_speed_rev_s)
+            most = np.array([each.max() for each in np.array_split(more, turns)])
+            shares.append(np.mean(most > 0.3 * most.max()))
+    assert 0.2 < np.mean(shares) < 0.8
+    assert np.ptp(shares) > 0.1
