@@ -19,7 +19,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, effect_at, like_geometry
 from mjx_cutting.tracing.along.engaged import Engaged, cut_down
 from mjx_cutting.tracing.naming.decision import Interval, interval
-from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.whole_records import Outside, held_against, left_of, met, outside_the_cut, with_ends
 from mjx_cutting.trials.dataset import Dataset

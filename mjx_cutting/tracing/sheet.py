@@ -19,7 +19,7 @@ from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, ef
 from mjx_cutting.tracing.along.engaged import cut_down, touches_m
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.naming.decision import interval
-from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines

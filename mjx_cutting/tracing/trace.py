@@ -22,12 +22,14 @@ from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
+from mjx_cutting.tracing.by_place import in_ramps
 from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.fitting.tooth_path import on_true_path
 from mjx_cutting.tracing.naming.decision import gain_over_trials
-from mjx_cutting.tracing.once import Pass, for_use, in_ramps, near_floor, once
+from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
+from mjx_cutting.tracing.passes import Pass, for_use, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.sheet import inside_the_sheet

@@ -19,7 +19,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.naming.decision import Interval, chance_over_trials, decide
-from mjx_cutting.tracing.once import Pass
+from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import Course, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import band_limit

@@ -1,0 +1,60 @@
+"""A pass over trials in pieces along their path (`pieces`), for effects whose response changes along it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import jax.numpy as jnp
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.along.ends import NAME as ENDS
+from mjx_cutting.tracing.along.pieces import in_pieces, of_whole_trials
+from mjx_cutting.tracing.along.ramps import ends_in_pieces
+from mjx_cutting.tracing.fitting.prediction import predictions
+from mjx_cutting.tracing.fitting.problem import pose, shared_bias
+from mjx_cutting.tracing.fitting.screening import screen
+from mjx_cutting.tracing.passes import Pass, Searches, near_floor
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import compress
+
+_PROMISING = 0.2
+_BESIDE = 2
+
+
+def by_place(first: Pass, moving: Sequence[type[AbstractEffect]], searches: Searches) -> Pass:
+    """The pass, or the better one over trials in pieces that names one of `moving`, of which the response
+    changes along the path. Tried beside such are the most telling effects of the first round."""
+    dataset, rounds = first.dataset, first.search.rounds
+    on_path = first.search.problem.motion is not None
+    if on_path or not moving or near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
+        return first
+    pieces = in_pieces(dataset, first.lines)
+    if pieces is None:
+        return first
+    searches.progress("the trials in pieces")
+    problem = pose(pieces, compress(pieces, searches.band_hz, orders=first.lines.orders))
+    so_far, x = first.search.effects, first.search.final_fit.x
+    if not any(kind.by_position for kind in so_far):
+        promising = screen(problem, so_far, jnp.asarray(x), moving)
+        if max(each.share for each in promising) < _PROMISING:
+            return first
+    telling = [each.kind for each in rounds[0].screened[:_BESIDE]]
+    found = searches.steady(pieces, list(dict.fromkeys([*moving, *first.search.effects, *telling])))
+    if not any(kind.by_position for kind in found.search.effects):
+        return first
+    search = of_whole_trials(found.search, first.search, dataset, first.lines)
+    if search.final.nrmse >= first.final.nrmse:
+        return first
+    bias = shared_bias(search.problem, search.final_fit.x)
+    after = predictions(dataset, first.lines, search.problem, found.model, bias)
+    return replace(first, search=search, slow=(), model=found.model, after=after, evidence={})
+
+
+def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Callable[[str], None]) -> Pass:
+    """The pass, or a better one over trials in pieces that finds an end of the sheet, where force is missing
+    at the ends of the path and none was found yet."""
+    looked_for = any(each.kind.name == ENDS for one in found.slow for each in one.candidates)
+    if not looked_for or any(kind.name == ENDS for kind in found.kinds):
+        return found
+    return by_place(found, ends_in_pieces(found.dataset), Searches(band_hz, (), seed, progress))

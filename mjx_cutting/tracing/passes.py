@@ -1,0 +1,153 @@
+"""What one pass over a data set has found, and the two searches of which it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
+from mjx_cutting.tracing.along.ends import entry_exit
+from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound, search_slow
+from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.waves import courses
+from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
+from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
+from mjx_cutting.tracing.fitting.prediction import Prediction, grows, predictions
+from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
+from mjx_cutting.tracing.naming.search import Search, search
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.tracing.records.noise import noise_floor
+from mjx_cutting.tracing.telling.verdict import final, reached
+from mjx_cutting.trials.dataset import Dataset
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """What one pass found.
+
+    Fields:
+        dataset, lines: the trials and their lines.
+        search, slow: outcome of the search over steady effects; rounds of the one along a trial.
+        base_model, model: force model without and with the effects named.
+        before, after: every cut trial beside the prediction of the two models.
+        evidence: sentences that a search has for the effect it found, by name.
+        noise_over: share of noise in the records judged over that in the `dataset`, which may be a part of
+            them.
+    """
+
+    dataset: Dataset
+    lines: Lines
+    search: Search
+    slow: tuple[SlowRound, ...]
+    base_model: ForceModel
+    model: ForceModel
+    before: tuple[Prediction, ...]
+    after: tuple[Prediction, ...]
+    evidence: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    noise_over: float = 1.0
+
+    @property
+    def along(self) -> tuple[SlowCandidate, ...]:
+        """What was accepted after the steady effects."""
+        return tuple(each.accepted for each in self.slow if each.accepted is not None)
+
+    @property
+    def kinds(self) -> tuple[type[AbstractEffect], ...]:
+        """Effects named, in order of acceptance."""
+        return (*self.search.effects, *(each.kind for each in self.along))
+
+    @property
+    def final(self) -> HeldOut:
+        """Error on held-out trials of the model found."""
+        return final(self.search, self.slow)
+
+    def with_round(self, each: SlowRound, evidence: tuple[str, ...] = ()) -> Pass:
+        """The pass with one more round, where it accepted something: model and predictions hold that too."""
+        if each.accepted is None:
+            return self
+        told = self.evidence | {each.accepted.kind.name: evidence}
+        waves = zip(self.after, each.accepted.added_n, strict=True)
+        after = tuple(replace(one, predicted_n=one.predicted_n + wave) for one, wave in waves)
+        model = self.model.with_effects(each.accepted.effect)
+        return replace(self, slow=(*self.slow, each), model=model, after=after, evidence=told)
+
+
+@dataclass(frozen=True)
+class Searches:
+    """The two searches of a pass, on any records: `names` are those of the effects tried along a trial."""
+
+    band_hz: tuple[float, float]
+    names: tuple[str, ...]
+    seed: int
+    progress: Callable[[str], None]
+    posed: Callable[[Dataset, Lines], Problem] = pose
+
+    def steady(self, dataset: Dataset, kinds: Sequence[type[AbstractEffect]]) -> Pass:
+        """The search over steady effects alone."""
+        lines = lines_as_it_turned(dataset, self.band_hz)
+        found = search(self.posed(dataset, lines), lines, kinds, folds(dataset, self.seed), self.progress)
+        problem = found.problem
+        base_model, model = (for_use(dataset, fit.model) for fit in (found.base_fit, found.final_fit))
+        before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
+        bias = shared_bias(problem, found.final_fit.x)
+        after = predictions(dataset, lines, problem, model, bias)
+        if grows(model):
+            still = predictions(dataset, lines, problem, model, bias, still=True)
+            found = replace(found, final=_with_growth(found.final, lines, still, after))
+        return Pass(dataset, lines, found, (), base_model, model, before, after)
+
+    def along(self, found: Pass, before: HeldOut, apart: bool = False, in_range: bool = True) -> Pass:
+        """The pass with what is found along the trials beside its steady model, which leaves `before`."""
+        dataset, problem, model = found.dataset, found.search.problem, found.search.final_fit.model
+        ways = KINDS
+        if dataset.tool.kind not in LEVEL_KINDS:
+            ways = (*KINDS, entry_exit(found.lines, problem, model))
+        fits = found.search.final.fits
+        assert fits is not None
+        trials = courses(dataset, found.lines, problem, model, found.after, fits.model)
+        trials = tuple(replace(each, apart=apart) for each in trials)
+        weight, tolerance = np.asarray(problem.weight), problem.tolerance
+        rounds = search_slow(trials, before, weight, self.names, ways, self.progress, tolerance, in_range)
+        for each in rounds:
+            found = found.with_round(each)
+        return replace(found, slow=rounds)
+
+
+def near_floor(found: Pass) -> bool:
+    """Whether the pass leaves no more than noise and calculation do."""
+    floor = found.noise_over * noise_floor(found.dataset, found.lines)
+    return found.final.nrmse <= reached(floor, found.search.problem.tolerance)
+
+
+def missing(found: Pass) -> float:
+    """Share of the force's energy that is left on held-out trials beyond the noise."""
+    floor = found.noise_over * noise_floor(found.dataset, found.lines)
+    return max(found.final.nrmse**2 - floor**2, 0.0)
+
+
+def for_use(dataset: Dataset, model: ForceModel) -> ForceModel:
+    """The model with the tool's full axial resolution and plain numbers, as others will use it."""
+    shape = dataset.tool
+    tool = Tool(shape.kind, shape.teeth, float(shape.diameter_m), float(shape.helix_rad))
+    plain = jax.tree.map(np.asarray, (model.material, model.effects))
+    return ForceModel(tool, *plain)
+
+
+def _with_growth(
+    heldout: HeldOut, lines: Lines, still: Sequence[Prediction], after: Sequence[Prediction]
+) -> HeldOut:
+    """The error on held-out trials with what a growing effect does within each, which no line holds."""
+    error = heldout.error_n2.copy()
+    change = [
+        np.sum(grown.residual_n**2 - mean.residual_n**2, axis=0)
+        for grown, mean in zip(after, still, strict=True)
+    ]
+    np.add.at(error, lines.owner, np.asarray(change))
+    return replace(heldout, error_n2=np.maximum(error, 0.0))
