@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
+import pytest
 
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.guards.now_and_then import rather_now_and_then
@@ -13,7 +16,7 @@ ANGLE_RAD = 2.0 * np.pi * SPEED_REV_S * TIME_S
 TURN = (TIME_S * SPEED_REV_S).astype(int)
 
 
-def _why(share, beside_n: float = 0.0, effect_n: float = 2.0) -> str | None:
+def _why(share, beside_n: float = 0.0, effect_n: float = 2.0, hum_n: float = 0.0) -> str | None:
     """Judged on six trials: a force at tooth passing, of which a part `beside_n` that no model has goes with
     the place, and a line once a turn of which `share(turn, generator)` is there; the model has its mean."""
     generator = np.random.default_rng(3)
@@ -23,6 +26,7 @@ def _why(share, beside_n: float = 0.0, effect_n: float = 2.0) -> str | None:
         there = share(TURN, generator)[:, None]
         wave = beside_n * np.cos(2.0 * np.pi * 1.7 * TIME_S + index)[:, None] * passing
         measured = 10.0 * passing + wave + effect_n * there * line
+        measured += hum_n * np.cos(4.0 / 3.0 * ANGLE_RAD)[:, None]
         measured += generator.normal(0.0, NOISE_N, measured.shape)
         for found, predicted in ((before, 0.0), (after, effect_n * there.mean() * line)):
             file = f"t{index}.csv"
@@ -32,13 +36,19 @@ def _why(share, beside_n: float = 0.0, effect_n: float = 2.0) -> str | None:
     return rather_now_and_then(before, after, NOISE_N / float(force), 1.0)
 
 
-def _by_runs(turn, generator):
+def _by_runs(turn, generator, of=8):
     """There for some turns, then away for some."""
-    return np.repeat(generator.integers(0, 2, 1 + turn.max() // 8), 8)[turn].astype(float)
+    return np.repeat(generator.integers(0, 2, 1 + turn.max() // of), of)[turn].astype(float)
 
 
-def test_what_comes_and_goes_is_no_steady_cause():
-    assert "comes and goes" in (_why(_by_runs) or "")
+@pytest.mark.parametrize("of", [3, 8])
+def test_what_comes_and_goes_is_no_steady_cause(of):
+    assert "comes and goes" in (_why(partial(_by_runs, of=of)) or "")
+
+
+def test_what_a_force_beside_it_lends_short_blocks_is_no_coming_and_going():
+    """Beside a force at a third of an order that is ten times the effect."""
+    assert _why(lambda turn, generator: np.ones(len(turn)), effect_n=0.5, hum_n=5.0) is None
 
 
 def test_what_is_there_in_every_turn_is_let_be():
