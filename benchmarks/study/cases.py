@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from .strengths import DRAWS, LEVELS, OF_TEETH, OUTSIDE
+from .strengths import DRAWS, LEVELS, MILLS, OF_TEETH, OUTSIDE
 
 PAIRS = (
     ("radial_runout", "size_effect"),
@@ -78,7 +78,7 @@ def _of_seed(design: str, seed: int, levels: tuple[str, ...], quick: bool) -> It
             if design in designs and (not quick or name in QUICK):
                 yield Question("single", design, (name,), level, seed)
     for name in list(OUTSIDE)[:: 4 if quick else 1]:
-        if not (name in OF_TEETH and design in ("drill", "turning")):
+        if not (name in OF_TEETH and design not in MILLS):
             yield Question("outside", design, (name,), "strong", seed)
     for pair in PAIRS[:: 6 if quick else 1]:
         if all(design in DRAWS[name][0] for name in pair):

@@ -31,7 +31,6 @@ from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.passes import Pass, Searches, missing, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, band_limit
-from mjx_cutting.tracing.records.noise import noise_floor
 from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.002
@@ -79,13 +78,10 @@ def _rather_the_rest(found: Pass) -> str | None:
     telling of what part."""
     if not found.search.effects or found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return None
-    floor = noise_floor(found.dataset, found.lines)
-    why = rather_the_rest(found.search.base, found.final, floor)
+    why = rather_the_rest(found.search.base, found.final, found.floor_nrmse)
     if why is None and not found.along:
-        half_hz = 0.5 * found.dataset.sensor.sample_rate_hz
-        why = rather_now_and_then(
-            found.before, found.after, floor, min(found.lines.band_hz[1] / half_hz, 1.0)
-        )
+        passed = min(2.0 * found.lines.band_hz[1] / found.dataset.sensor.sample_rate_hz, 1.0)
+        why = rather_now_and_then(found.before, found.after, found.floor_nrmse, passed)
     return why
 
 

@@ -68,6 +68,11 @@ class Pass:
         """Error on held-out trials of the model found."""
         return final(self.search, self.slow)
 
+    @property
+    def floor_nrmse(self) -> float:
+        """Share of the force that the noise of the records judged is."""
+        return self.noise_over * noise_floor(self.dataset, self.lines)
+
     def with_round(self, each: SlowRound, evidence: tuple[str, ...] = ()) -> Pass:
         """The pass with one more round, where it accepted something: model and predictions hold that too."""
         if each.accepted is None:
@@ -122,14 +127,12 @@ class Searches:
 
 def near_floor(found: Pass) -> bool:
     """Whether the pass leaves no more than noise and calculation do."""
-    floor = found.noise_over * noise_floor(found.dataset, found.lines)
-    return found.final.nrmse <= reached(floor, found.search.problem.tolerance)
+    return found.final.nrmse <= reached(found.floor_nrmse, found.search.problem.tolerance)
 
 
 def missing(found: Pass) -> float:
     """Share of the force's energy that is left on held-out trials beyond the noise."""
-    floor = found.noise_over * noise_floor(found.dataset, found.lines)
-    return max(found.final.nrmse**2 - floor**2, 0.0)
+    return max(found.final.nrmse**2 - found.floor_nrmse**2, 0.0)
 
 
 def for_use(dataset: Dataset, model: ForceModel) -> ForceModel:

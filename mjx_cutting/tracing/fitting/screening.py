@@ -80,15 +80,7 @@ def _screen(
 ) -> Screened:
     both = Descent(so_far.problem, (*so_far.effects, kind), so_far.phase_rad)
     span = np.linalg.qr(slope[: so_far.measured])[0]
-    starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
-    if len(starts) > _TRIED:
-        lowest = both.glance(starts, slope)
-        beside = _without_axis(so_far, x, kind.only_axis)
-        if beside is not None:
-            others = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(beside)))
-            starts = np.concatenate([starts, others])
-            lowest = np.concatenate([lowest, both.glance(others, so_far.around(beside)[1])])
-        starts = starts[np.argsort(lowest)[:_TRIED]]
+    starts = _lowest_starts(so_far, both, x, slope)
     tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
     best, reached = both.descend(tries[0][0], _STEPS)
     if reached < (1.0 - _EXPLAINS_MUCH) * squares:
@@ -104,6 +96,21 @@ def _screen(
     )
     direction = surviving / max(size, 1e-300)
     return Screened(kind, best, share, min(1.0, size / max(whole, 1e-300)), size, direction)
+
+
+def _lowest_starts(so_far: Descent, both: Descent, x: Matrix, slope: Matrix) -> Matrix:
+    """[at most 3, U] the starts of the last effect of `both` that a first step brings lowest."""
+    kind = both.effects[-1]
+    starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
+    if len(starts) <= _TRIED:
+        return starts
+    reached = both.glance(starts, slope)
+    beside = _without_axis(so_far, x, kind.only_axis)
+    if beside is not None:
+        others = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(beside)))
+        starts = np.concatenate([starts, others])
+        reached = np.concatenate([reached, both.glance(others, so_far.around(beside)[1])])
+    return starts[np.argsort(reached)[:_TRIED]]
 
 
 def _without_axis(so_far: Descent, x: Matrix, axis: int | None) -> Matrix | None:

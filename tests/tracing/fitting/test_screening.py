@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import effect_class
+from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.tracing.fitting.fit import base_starts, fit, reweighted
-from mjx_cutting.tracing.fitting.problem import pose
-from mjx_cutting.tracing.fitting.screening import screen
+from mjx_cutting.tracing.fitting.problem import Problem, pose
+from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
@@ -19,14 +20,21 @@ from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 KINDS = [effect_class(name) for name in ("radial_runout", "unequal_pitch", "size_effect", "side_friction")]
 
 
-@pytest.fixture(scope="module")
-def screened(mill):
-    dataset = mill(Hidden(runout_m=6e-6, runout_angle_rad=0.7))
+def _screened(
+    dataset: Dataset, kinds: Sequence[type[AbstractEffect]]
+) -> tuple[tuple[Screened, ...], Problem]:
+    """What of each of `kinds` is found beside the base model of the trials, and their fitting problem."""
     with _platform.x64():
         problem = pose(dataset, compress(dataset, trusted_band(dataset, None)))
         problem = reweighted(problem, fit(problem, (), base_starts(problem)))
         base = fit(problem, (), base_starts(problem))
-        return {each.kind.name: each for each in screen(problem, (), base.x, KINDS)}
+        return screen(problem, (), base.x, kinds), problem
+
+
+@pytest.fixture(scope="module")
+def screened(mill):
+    found, _ = _screened(mill(Hidden(runout_m=6e-6, runout_angle_rad=0.7)), KINDS)
+    return {each.kind.name: each for each in found}
 
 
 def test_what_was_put_in_explains_nearly_everything(screened):
@@ -65,11 +73,7 @@ def _on_a_soft_arm(dataset: Dataset, mode: dict[str, float]) -> Dataset:
 
 def _check_mode(dataset: Dataset, mode: dict[str, float], name: str = "robot_mode") -> None:
     kind = effect_class(name)
-    with _platform.x64():
-        problem = pose(dataset, compress(dataset, trusted_band(dataset, None)))
-        problem = reweighted(problem, fit(problem, (), base_starts(problem)))
-        base = fit(problem, (), base_starts(problem))
-        (found,) = screen(problem, (), base.x, [kind])
+    (found,), problem = _screened(dataset, [kind])
     read = kind.build(found.x[-kind.size(problem.tool) :], problem.tool)
     assert found.share > 0.98
     for parameter, true in mode.items():
