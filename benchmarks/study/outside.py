@@ -1,4 +1,4 @@
-"""What is beyond any library: gains that switch or walk, maps of position, cross terms, memory, chips."""
+"""What is beyond any library: gains that switch or walk, maps of position, cross terms, memory, gears."""
 
 from __future__ import annotations
 
@@ -61,7 +61,13 @@ def _mean_before(size: Array, window: int, late: int) -> Array:
 
 
 def wander(work: Milling, drawn: dict[str, Params], index: int) -> None:
-    """Gives the spindle a wander of its angle: a random walk smoothed over a fifth of a turn, rad."""
+    """Gives the spindle a wander of its angle: a random walk smoothed over a fifth of a turn, rad; or what a
+    worn gear does, once in several turns."""
+    if "worn_gear" in drawn:
+        p = drawn["worn_gear"]
+        order = stream(p["seed"], "gear").uniform(0.2, 0.45)
+        start = stream(p["seed"], "gear", index).uniform(0.0, 2.0 * np.pi)
+        work.wander = lambda angle: 0.15 * p["size"] / order * np.sin(order * angle + start)
     if "speed_wander" not in drawn:
         return
     p = drawn["speed_wander"]

@@ -270,12 +270,13 @@ OUTSIDE: dict[str, str] = {
     "speed_softening": "the force falls with the logarithm of the cutting speed",
     "previous_force": "the force depends on the mean force of the second before",
     "speed_wander": "the spindle angle wanders at random about even turning",
+    "worn_gear": "the spindle turns unevenly, at a fixed part of its own frequency",
     "sticking_chip": "a chip sticks to one tooth now and then, for some turns",
     "spikes": "single samples are hit by electrical interference",
 }
 """What no library holds."""
 
-OF_TEETH = ("speed_wander", "sticking_chip")
+OF_TEETH = ("speed_wander", "worn_gear", "sticking_chip")
 """Of those, what takes several teeth to show."""
 
 

@@ -232,3 +232,20 @@ def test_chips_stick_and_let_go_at_random_times(design):
             shares.append(np.mean(most > 0.3 * most.max()))
     assert 0.2 < np.mean(shares) < 0.8
     assert np.ptp(shares) > 0.1
+
+
+def test_a_worn_gear_leaves_lines_at_one_part_of_the_spindle_at_every_speed():
+    plain, worn = (study.make("mill", hidden, 7) for hidden in ({}, {"worn_gear": "strong"}))
+    beside, speeds = [], []
+    orders = np.arange(3.5, 4.5, 0.005)
+    off = np.abs(orders - 4.0) > 0.1
+    for a, b in zip(plain.dataset.trials, worn.dataset.trials, strict=True):
+        if a.kind == "cut":
+            speeds.append(plain.truth["trials"][a.file]["speed_rev_s"])
+            more = (b.force_n - a.force_n)[:, 0] * np.hanning(len(a.time_s))
+            turned = np.multiply.outer(orders[off], speeds[-1] * a.time_s)
+            size = np.abs(np.exp(-2j * np.pi * turned) @ more)
+            beside.append(abs(orders[off][np.argmax(size)] - 4.0))
+    assert np.ptp(speeds) > 0.2 * np.mean(speeds)
+    assert 0.2 < np.mean(beside) < 0.45
+    assert np.ptp(beside) < 0.03

@@ -4,16 +4,14 @@ Such a line belongs to no line of the spindle and starts every trial at a phase 
 that its limit cycle takes there. What other trials can say of a trial is therefore not the wave but the
 pattern: that it vibrates near the same frequency, off the spindle's multiples, with sidebands one tooth
 passing apart (Insperger and others, Int. J. Machine Tools and Manufacture 43 (2003) 25-40). The pattern is
-looked for in every trial by itself, in what is left beside all spindle orders. Its amplitudes are fitted on
-every other stretch of the record and scored on those between, so that noise, and a gain that wanders, gain
-nothing.
+looked for in every trial by itself (`vibration`).
 
 Named when, in at least three trials, at least two lines of one pattern stand far above the noise, one of the
 strongest near one frequency in all of them, not the same to the resolution of the records although the
-speeds differ (a line of the mains stays put), further from tooth passing than a slow change of the force
-puts its sidebands, and not where a known wave of the sheet puts them, of three hundredths of the force or
-more (what ends its growth is that teeth leave the chip), and none of it in air; and when the error on the
-stretches not fitted falls by a tenth.
+speeds differ (a line of the mains stays put), nor the same part of the spindle's (what a gear or belt does
+turns with it), further from tooth passing than a slow change of the force puts its sidebands, and not where a
+known wave of the sheet puts them, of three hundredths of the force or more (what ends its growth is that
+teeth leave the chip), and none of it in air; and when the error on the stretches not fitted falls by a tenth.
 A flip lobe of a tool with an even number of teeth is hidden in the spindle's own orders and is not found
 here.
 """
@@ -29,140 +27,24 @@ from scipy import stats
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.vibration import FAR_ABOVE, RESOLVED, Vibration, vibration
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.naming.decision import Decision, Interval, gain_over_trials
-from mjx_cutting.tracing.records.lines import Lines, basis
+from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import SPREAD
 from mjx_cutting.trials.dataset import Dataset
 
 NAME = "regenerative_chatter"
-_PAD = 4
-_RESOLVED = 2.0
-_STRETCHES = 16
-_FAR_ABOVE = 30.0
-_SIDEBAND = 12.0
 _FEWEST = 3
 _SPREAD = 0.15
 _NEARLY_AS_STRONG = 0.5
 _MOST_ALIKE = 0.6
 _LEAST_FALL = 0.1
 _LEAST_SHARE = 0.03
-_MOST_LINES = 16
 _SIDEBANDS_OF_A_WAVE = 3
-_SHIFTS = 13
+_SAME_ORDER = 0.5
 Array = NDArray[np.floating]
-
-
-@dataclass(frozen=True, eq=False)
-class Vibration:
-    """The best pattern in one trial.
-
-    Fields:
-        frequency_hz: its strongest line, or one nearly as strong that other trials share.
-        lines_hz: [L] its lines that stand above the noise, the strongest first.
-        over_noise: [L] their energy over that of the noise.
-        wave_n: [T, 3] the pattern fitted to the whole record.
-        error_change_n2: [3] change of the squared error on stretches that were not fitted to.
-    """
-
-    frequency_hz: float
-    lines_hz: Array
-    over_noise: Array
-    wave_n: Array
-    error_change_n2: Array
-
-    @property
-    def found(self) -> bool:
-        """True for two lines far above the noise that hold on stretches not fitted to."""
-        strong = len(self.over_noise) > 1 and self.over_noise[0] > _FAR_ABOVE
-        return bool(strong and self.error_change_n2.sum() < 0.0)
-
-
-def vibration(trial: Prediction, left_n: Array, lines: Lines, teeth: int, weight: Array) -> Vibration:
-    """The pattern of lines f_c + k f_t that holds most of what the spindle's orders leave.
-
-    Arguments: trial: its times, angle and speed; left_n [T, 3] the residual looked at; weight [3] 1 / noise.
-    """
-    time, tooth_hz = trial.time_s, teeth * trial.speed_rev_s
-    columns = basis(trial.angle_rad, lines.orders)
-    rest = (left_n - columns @ _solved(columns, left_n)) * weight
-    rate_hz = (len(time) - 1) / time[-1]
-    window = np.hanning(len(time))
-    length = int(2 ** np.ceil(np.log2(_PAD * len(time))))
-    spectrum = np.sum(np.abs(np.fft.rfft(rest * window[:, None], n=length, axis=0)) ** 2, axis=1)
-    frequency = np.fft.rfftfreq(length, 1.0 / rate_hz)
-    band = (frequency >= max(lines.band_hz[0], _RESOLVED / time[-1])) & (frequency <= lines.band_hz[1])
-    noise = float(np.median(spectrum[band]))
-    over = np.where(band, spectrum, 0.0) / max(noise, 1e-300)
-    top = 0.5 * rate_hz
-    strongest = float(frequency[int(np.argmax(over))])
-    steps = np.arange(-int(lines.band_hz[1] / tooth_hz) - 2, int(lines.band_hz[1] / tooth_hz) + 3)
-    pattern = np.abs(strongest + steps * tooth_hz)
-    found, energy = [], []
-    for line in pattern[pattern < top]:
-        near = np.abs(frequency - line) <= 1.0 / time[-1]
-        size = float(over[near].max()) if near.any() else 0.0
-        if size > (_FAR_ABOVE if abs(line - strongest) < 1e-9 else _SIDEBAND):
-            found.append(float(line))
-            energy.append(size)
-    order: list[int] = []
-    for index in np.argsort(energy)[::-1]:
-        # two lines of the pattern that fold onto one place are one
-        if all(abs(found[index] - found[other]) > _RESOLVED / time[-1] for other in order):
-            order.append(int(index))
-    order = order[:_MOST_LINES]
-    chosen, over_noise = np.array([found[i] for i in order]), np.array([energy[i] for i in order])
-    return _fitted(time, rest / weight, chosen, over_noise, strongest, tooth_hz)
-
-
-def _fitted(
-    time: Array, rest: Array, chosen: Array, over: Array, strongest: float, tooth_hz: float
-) -> Vibration:
-    """The lines chosen, their common frequency refined, fitted to the whole and to every other stretch."""
-    if len(chosen) < 2:
-        return Vibration(strongest, chosen, over, np.zeros_like(rest), np.zeros(3))
-    stretch = np.floor(time / time[-1] * _STRETCHES * (1.0 - 1e-9)).astype(int) % 2
-
-    def columns(shift: float) -> Array:
-        # all lines move together: those folded through zero the other way
-        step = np.where(_mirrored(chosen, strongest, tooth_hz), -shift, shift)
-        turn = 2.0 * np.pi * np.multiply.outer(time, chosen + step)
-        return np.concatenate([np.cos(turn), np.sin(turn)], axis=1)
-
-    def fit(part: NDArray[np.bool_]) -> tuple[Array, Array]:
-        def left(shift: float) -> float:
-            x = columns(shift)[part]
-            return float(np.sum((rest[part] - x @ _solved(x, rest[part])) ** 2))
-
-        best, reach = 0.0, 0.5 / time[-1]
-        for _ in range(2):
-            shifts = best + reach * np.linspace(-1.0, 1.0, _SHIFTS)
-            best = float(shifts[int(np.argmin([left(shift) for shift in shifts]))])
-            reach /= 0.5 * (_SHIFTS - 1)
-        x = columns(best)
-        return x, _solved(x[part], rest[part])
-
-    change = np.zeros(3)
-    for kept in (0, 1):
-        x, weights = fit(stretch == kept)
-        other = stretch != kept
-        change += np.sum((rest[other] - (x @ weights)[other]) ** 2, axis=0)
-        change -= np.sum(rest[other] ** 2, axis=0)
-    x, weights = fit(np.ones(len(time), bool))
-    return Vibration(strongest, chosen, over, x @ weights, change)
-
-
-def _solved(x: Array, y: Array) -> Array:
-    """Least-squares weights by normal equations; what the columns cannot tell apart is kept small."""
-    normal = x.T @ x
-    return np.linalg.solve(normal + 1e-9 * np.trace(normal) / len(normal) * np.eye(len(normal)), x.T @ y)
-
-
-def _mirrored(chosen: Array, strongest: float, tooth_hz: float) -> NDArray[np.bool_]:
-    """[L] True for lines at k f_t - f_c, which fall when f_c rises."""
-    turns = (chosen - strongest) / tooth_hz
-    return np.abs(turns - np.round(turns)) > 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +90,12 @@ def find_vibration(
         error[i] += each[i].error_change_n2
     held_out = HeldOut(np.maximum(error, 0.0), before.energy_n2, before.fits, before.fold)
     reasons = _reasons(dataset, after, shown, frequency, alike, before, held_out)
+    order = _shared_order([each[i] for i in shown], [after[i] for i in shown], teeth)
+    if order is not None:
+        reasons.append(
+            f"the lines stand {order:.3f} times the spindle's frequency beside tooth passing at every speed: "
+            "something that turns with it (a gear, a belt), not self-excited"
+        )
     gain, spread = gain_over_trials(before, held_out)
     unit = effect_class(NAME).parameters["frequency_hz"].unit
     # the lines stand above the mode, where its response opposes the force: by 10 % at heavy damping
@@ -244,10 +132,29 @@ def _common(found: Sequence[Vibration]) -> tuple[Array, NDArray[np.bool_]]:
     return nearest(middle), apart(middle) < _SPREAD
 
 
+def _shared_order(found: Sequence[Vibration], trials: Sequence[Prediction], teeth: int) -> float | None:
+    """How many times the spindle's frequency a strong line of every trial stands beside a multiple of tooth
+    passing, where that is the same in all although the speeds differ; else None."""
+    speeds = np.array([trial.speed_rev_s for trial in trials])
+    if not len(speeds) or np.ptp(speeds) <= SPREAD * speeds.mean():
+        return None
+    strong = [
+        v.lines_hz[v.over_noise >= _NEARLY_AS_STRONG * v.over_noise.max()] / speed
+        for v, speed in zip(found, speeds, strict=True)
+    ]
+    beside = [np.abs(orders - teeth * np.round(orders / teeth)) for orders in strong]
+    finest = _SAME_ORDER / (speeds * [trial.time_s[-1] for trial in trials])
+    for order in beside[0]:
+        apart = [np.min(np.abs(orders - order)) for orders in beside]
+        if np.all(np.array(apart) < finest + finest[0]):
+            return float(order)
+    return None
+
+
 def _false_alarm(lines: Lines, after: Sequence[Prediction]) -> float:
     """Probability that noise alone, of three axes, puts any line of a record that far above its median."""
     independent = max(float(trial.time_s[-1]) for trial in after) * (lines.band_hz[1] - lines.band_hz[0])
-    return min(1.0, independent * float(stats.gamma.sf(_FAR_ABOVE * stats.gamma.median(3.0), 3.0)))
+    return min(1.0, independent * float(stats.gamma.sf(FAR_ABOVE * stats.gamma.median(3.0), 3.0)))
 
 
 def _large(found: Vibration, trial: Prediction) -> bool:
@@ -265,7 +172,7 @@ def _own(v: Vibration, trial: Prediction, teeth: int, waves_hz: Array) -> bool:
     away = abs(v.frequency_hz - whole * tooth_hz)
     slowest = effect_class(NAME).parameters["frequency_hz"].low
     sidebands = np.multiply.outer(np.arange(1, _SIDEBANDS_OF_A_WAVE + 1), waves_hz)
-    beside_one = np.any(np.abs(sidebands - away) < _RESOLVED / trial.time_s[-1])
+    beside_one = np.any(np.abs(sidebands - away) < RESOLVED / trial.time_s[-1])
     return bool(away > max(slowest, SPREAD * whole * tooth_hz) and not beside_one)
 
 
@@ -305,7 +212,7 @@ def _in_air(force_n: Array, time: Array, frequency: Array) -> bool:
     spectrum = np.sum(np.abs(np.fft.rfft((force_n - force_n.mean(axis=0)), axis=0)) ** 2, axis=1)
     place = np.fft.rfftfreq(len(time), 1.0 / rate_hz)
     near = (place > frequency.min() * (1.0 - SPREAD)) & (place < frequency.max() * (1.0 + SPREAD))
-    return bool(near.any() and spectrum[near].max() > _FAR_ABOVE * np.median(spectrum))
+    return bool(near.any() and spectrum[near].max() > FAR_ABOVE * np.median(spectrum))
 
 
 def _evidence(

@@ -16,11 +16,11 @@ SPEEDS = (40.0, 40.3, 52.1, 52.4, 66.0, 66.3)
 WAY = np.array([3.0, 2.0, 0.5])
 
 
-def _session(left, air=()):
+def _session(left, air=(), speeds=SPEEDS):
     """Six cuts that a model leaves `left(time, speed, trial)` [T] of, along one way, and noise."""
     time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
     after, error, energy = [], [], []
-    for index, speed in enumerate(SPEEDS):
+    for index, speed in enumerate(speeds):
         noise = NOISE_N * np.random.default_rng(index).normal(size=(len(time), 3))
         residual = left(time, speed, index)[:, None] * WAY + noise
         wave = 50.0 * np.cos(2 * np.pi * TEETH * speed * time)[:, None] * np.ones(3)
@@ -31,7 +31,7 @@ def _session(left, air=()):
     idle = [SimpleNamespace(kind="air", file="a.csv", time_s=time, force_n=each) for each in air]
     dataset = SimpleNamespace(tool=SimpleNamespace(teeth=TEETH), trials=tuple(idle))
     lines = SimpleNamespace(orders=16, band_hz=(0.0, 700.0))
-    before = HeldOut(np.stack(error), np.stack(energy), None, np.arange(len(SPEEDS)))
+    before = HeldOut(np.stack(error), np.stack(energy), None, np.arange(len(speeds)))
     return dataset, lines, tuple(after), before, np.full(3, 1.0 / NOISE_N)
 
 
@@ -94,6 +94,23 @@ def test_a_line_that_stays_at_one_frequency_whatever_the_speed_is_not_self_excit
     found = find_vibration(*_session(hum))
     assert found is not None and found.round.accepted is None
     assert "whatever the speed" in found.round.candidates[0].decision.reasons[0]
+
+
+def test_lines_at_one_part_of_the_spindle_whatever_the_speed_are_not_self_excited():
+    """A worn gear shakes feed and speed .371 times a turn: sidebands of tooth passing at that distance, below
+    and above it. Tooth passing of all speeds lies within 15 % of one frequency."""
+
+    def worn(time, speed, trial):
+        speed_hz, tooth = 0.371 * speed, TEETH * speed
+        turn = 2 * np.pi * time
+        return np.cos(turn * (tooth + speed_hz) + trial) + 0.7 * np.cos(turn * (tooth - speed_hz))
+
+    found = find_vibration(*_session(worn, speeds=(50.0, 50.3, 52.1, 52.4, 55.0, 55.3)))
+    assert found is not None and found.round.accepted is None
+    (candidate,) = found.round.candidates
+    assert any(
+        "times the spindle's frequency beside tooth passing" in each for each in candidate.decision.reasons
+    ), candidate.decision.reasons
 
 
 def test_a_force_that_is_modulated_slowly_is_not_self_excited():
