@@ -2,8 +2,9 @@
 
 What costs time in trying thirty effects is not arithmetic but compiling each one's derivatives. Here only the
 lines of a model are compiled for each set of effects, with little optimisation; comparing lines with
-measurements is compiled once for a data set. Jacobians are forward differences, evaluated in one batch, and
-Gauss-Newton steps follow, each at the best of several dampings. Of more than 64 unknowns the Jacobian is
+measurements is compiled once for a data set. Jacobians are forward differences, evaluated in one batch at the
+phases of the point they belong to (Kaufman's, see `residual`); Gauss-Newton steps follow, each at the best of
+several dampings. Of more than 64 unknowns the Jacobian is
 evaluated once and then updated from step to step, until that leads no further.
 """
 
@@ -17,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fitting.fit import STIFFNESS, Effects, Fit, in_air
@@ -30,7 +31,7 @@ from mjx_cutting.tracing.fitting.problem import (
     padded,
     shared_bias,
 )
-from mjx_cutting.tracing.fitting.residual import marks, residual_of_lines
+from mjx_cutting.tracing.fitting.residual import marks, residual_beside, residual_of_lines
 
 _COMPILER = {"xla_backend_optimization_level": 1}
 _ROWS = 8
@@ -51,12 +52,17 @@ class Rows:
 
     Fields: `left` [n, M + B] weighted residual, then that of levels in air and the penalties outside the
     ranges; `error_n2` [n, R, 3] squared error of each trial and axis, N^2; `phase_rad` [n, R] phase of each
-    trial.
+    trial; `turning` [n, R, P, 3] what turning it does (`Residual`).
     """
 
     left: Matrix
     error_n2: Matrix
     phase_rad: Matrix
+    turning: Matrix
+
+    def at(self, index: ArrayLike) -> Rows:
+        """Some of the rows."""
+        return Rows(*(each[index] for each in (self.left, self.error_n2, self.phase_rad, self.turning)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,16 +94,27 @@ class Descent:
     def rows(self, x: Matrix) -> Rows:
         """Residuals at `x` [n, U]."""
         problem, trials, parts = self.padded, self.problem.trials, []
-        for lines, bias, beyond, _ in self._batches(x):
+        for _, (lines, bias, beyond, _) in self._batches(x):
             by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias)]
             parts.append([*by_trial, np.asarray(beyond)])
-        weighted, error, phase, beside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
-        left = np.concatenate([weighted.reshape(len(x), -1), beside], axis=1)
-        return Rows(np.clip(np.nan_to_num(left, nan=_HUGE), -_HUGE, _HUGE), error, phase)
+        weighted, *rest, beyond = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        return Rows(_residual(weighted, beyond), *rest)
+
+    def beside(self, x: Matrix, known: Rows, of: NDArray[np.integer]) -> Matrix:
+        """[n, M + B] residuals at `x` [n, U], each close to one of the `known` rows, `of` [n] which."""
+        problem, parts = self.padded, []
+        more = ((0, 0), (0, problem.trials - self.problem.trials))
+        for chosen, (lines, bias, beyond, _) in self._batches(x):
+            near = known.at(of[chosen])
+            phase, turning = np.pad(near.phase_rad, more), np.pad(near.turning, (*more, (0, 0), (0, 0)))
+            weighted = np.asarray(_beside(problem, lines, bias, phase, turning))[:, : self.problem.trials]
+            parts.append((weighted, np.asarray(beyond)))
+        weighted, beyond = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        return _residual(weighted, beyond)
 
     def models(self, x: Matrix) -> ForceModel:
         """The force models at `x` [n, U], every value with a leading axis [n]."""
-        parts = [model for *_, model in self._batches(x)]
+        parts = [model for _, (*_, model) in self._batches(x)]
         whole: ForceModel = jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(x)], *parts)
         return whole
 
@@ -105,23 +122,23 @@ class Descent:
         """[n, M] the lines at `x` [n, U] as they enter the residual, at the phases given."""
         problem, trials = self.padded, self.problem.trials
         phase = jnp.asarray(np.pad(np.broadcast_to(self.phase_rad, (trials,)), (0, problem.trials - trials)))
-        parts = [np.asarray(_marks(problem, lines, phase))[:, :trials] for lines, *_ in self._batches(x)]
+        parts = [np.asarray(_marks(problem, lines, phase))[:, :trials] for _, (lines, *_) in self._batches(x)]
         return np.concatenate(parts)[: len(x)].reshape(len(x), -1)
 
-    def _batches(self, x: Matrix) -> Iterator[tuple[Array, Array, Array, ForceModel]]:
+    def _batches(
+        self, x: Matrix
+    ) -> Iterator[tuple[NDArray[np.integer], tuple[Array, Array, Array, ForceModel]]]:
+        """Which of `x` [n, U] are in each batch, and their lines."""
         for first in range(0, len(x), _ROWS):
-            chosen = x[np.minimum(np.arange(first, first + _ROWS), len(x) - 1)]
-            yield _lines(self.padded, jnp.asarray(chosen), self.effects)
+            chosen = np.minimum(np.arange(first, first + _ROWS), len(x) - 1)
+            yield chosen, _lines(self.padded, jnp.asarray(x[chosen]), self.effects)
 
-    def around(self, x: Matrix, left: Matrix | None = None) -> tuple[Matrix, Matrix]:
-        """[M + B] residual at `x` [U], `left` where it is known, and its Jacobian [M + B, U] there, by
-        forward differences."""
-        beside = x + _STEP * np.eye(len(x))
-        if left is None:
-            left, *moved = self.rows(np.concatenate([x[None], beside])).left
-        else:
-            moved = list(self.rows(beside).left)
-        return left, np.transpose(np.asarray(moved) - left) / _STEP
+    def around(self, x: Matrix, here: Rows | None = None) -> tuple[Matrix, Matrix]:
+        """[M + B] residual at `x` [U], whose rows [1] are `here` where they are known, and its Jacobian
+        [M + B, U] there, by forward differences."""
+        here = self.rows(x[None]) if here is None else here
+        moved = self.beside(x + _STEP * np.eye(len(x)), here, np.zeros(len(x), dtype=int))
+        return here.left[0], np.transpose(moved - here.left[0]) / _STEP
 
     def glance(self, starts: Matrix, known: Matrix) -> Matrix:
         """[n] sum of squares after the best of a few damped steps from each of `starts` [n, U].
@@ -132,28 +149,28 @@ class Descent:
             last effect's penalties.
         """
         size = starts.shape[1] - known.shape[1]
-        nearby = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size)])
-        tries = starts[:, None] + np.pad(nearby, ((0, 0), (known.shape[1], 0)))
-        left = self.rows(tries.reshape(-1, starts.shape[1])).left.reshape(*tries.shape[:2], -1)
-        known = np.pad(known, ((0, left.shape[-1] - len(known)), (0, 0)))
+        here = self.rows(starts)
+        moved = starts[:, None] + _STEP * np.eye(starts.shape[1])[known.shape[1] :]
+        moved = self.beside(moved.reshape(-1, starts.shape[1]), here, np.repeat(np.arange(len(starts)), size))
+        known = np.pad(known, ((0, here.left.shape[1] - len(known)), (0, 0)))
         steps = []
-        for here, *beside in left:
-            slope = np.column_stack([known, np.transpose(np.asarray(beside) - here) / _STEP])
-            normal, gradient = slope.T @ slope, slope.T @ here
+        for left, beside in zip(here.left, moved.reshape(len(starts), size, -1), strict=True):
+            slope = np.column_stack([known, np.transpose(beside - left) / _STEP])
+            normal, gradient = slope.T @ slope, slope.T @ left
             scale = _scale(normal)
             steps.append([np.linalg.solve(normal + damping * scale, gradient) for damping in _GLANCE])
         tries = starts[:, None] - np.asarray(steps)
         reached = np.sum(self.rows(tries.reshape(-1, starts.shape[1])).left ** 2, axis=1)
-        return np.minimum(reached.reshape(len(starts), -1).min(axis=1), np.sum(left[:, 0] ** 2, axis=1))
+        return np.minimum(reached.reshape(len(starts), -1).min(axis=1), np.sum(here.left**2, axis=1))
 
     def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
         """Unknowns and sum of squares after at most `steps` Gauss-Newton steps from `x` [U]."""
-        left = slope = None
-        squares = np.inf
+        here, slope, squares = self.rows(x[None]), None, np.inf
         for _ in range(steps):
             known = slope is not None
-            if left is None or slope is None:
-                left, slope = self.around(x, left)
+            left = here.left[0]
+            if slope is None:
+                slope = self.around(x, here)[1]
             squares = float(left @ left)
             bold, after = self._step(x, left, slope)
             settled = not after[2] < (1.0 - _SETTLED) * squares
@@ -166,26 +183,26 @@ class Descent:
             if not after[2] < squares:
                 break
             gained = squares - after[2]
-            smooth = len(x) > _MANY and not self._beyond(after[1])
-            slope = _updated(slope, after[0] - x, after[1] - left) if smooth else None
-            x, left, squares = after
+            smooth = len(x) > _MANY and not self._beyond(after[1].left[0])
+            slope = _updated(slope, after[0] - x, after[1].left[0] - left) if smooth else None
+            x, here, squares = after
             if gained < _SETTLED * squares:
                 break
         return x, squares
 
     def _step(
         self, x: Matrix, left: Matrix, slope: Matrix
-    ) -> tuple[Matrix | None, tuple[Matrix, Matrix, float]]:
+    ) -> tuple[Matrix | None, tuple[Matrix, Rows, float]]:
         """The boldest damped step from `x`, of which residual [M + B] and Jacobian are given, where it leaves
-        the ranges; where the best one leads, its residual, its sum of squares."""
+        the ranges; where the best one leads, its rows [1], its sum of squares."""
         normal, gradient = slope.T @ slope, slope.T @ left
         scale = _scale(normal)
         tries = np.stack([x - np.linalg.solve(normal + damping * scale, gradient) for damping in _DAMPING])
-        reached = self.rows(tries).left
-        each = np.sum(reached**2, axis=1)
+        reached = self.rows(tries)
+        each = np.sum(reached.left**2, axis=1)
         best = int(np.argmin(each))
-        bold = tries[0] if self._beyond(reached[0]) else None
-        return bold, (tries[best], reached[best], float(each[best]))
+        bold = tries[0] if self._beyond(reached.left[0]) else None
+        return bold, (tries[best], reached.at([best]), float(each[best]))
 
     def _beyond(self, left: Matrix) -> bool:
         """Whether a residual [M + B] has penalties: unknowns beyond their ranges."""
@@ -233,6 +250,12 @@ class Descent:
         return Fit(x, cost, squares, rows.error_n2, self.models(x), np.isfinite(cost))  # type: ignore[arg-type]
 
 
+def _residual(weighted: Matrix, beyond: Matrix) -> Matrix:
+    """[n, M + B] finite, from what is left of the cuts [n, R, P, 3] and what stands beside them [n, B]."""
+    left = np.concatenate([weighted.reshape(len(weighted), -1), beyond], axis=1)
+    return np.clip(np.nan_to_num(left, nan=_HUGE), -_HUGE, _HUGE)
+
+
 def _updated(slope: Matrix, step: Matrix, change: Matrix) -> Matrix:
     """The Jacobian after a `step` [U] that changed the residual by `change` [M + B]: the least change of it
     that agrees (Broyden, Math. Comp. 19 (1965) 577-593)."""
@@ -256,12 +279,17 @@ def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, 
 
 
 @jax.jit
-def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Array, Array]:
-    def one(lines: Array, bias_n: Array) -> tuple[Array, Array, Array]:
+def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Array, Array, Array]:
+    def one(lines: Array, bias_n: Array) -> tuple[Array, Array, Array, Array]:
         found = residual_of_lines(problem, lines, bias_n)
-        return found.weighted, jnp.sum(found.remaining_n**2, axis=1), found.phase_rad
+        return found.weighted, jnp.sum(found.remaining_n**2, axis=1), found.phase_rad, found.turning
 
     return jax.vmap(one)(lines, bias_n)
+
+
+@jax.jit
+def _beside(problem: Problem, lines: Array, bias_n: Array, phase_rad: Array, turning: Array) -> Array:
+    return jax.vmap(partial(residual_beside, problem))(lines, bias_n, phase_rad, turning)
 
 
 @jax.jit

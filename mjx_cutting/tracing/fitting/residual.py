@@ -34,12 +34,15 @@ class Residual(eqx.Module):
             the squared error over the samples, less the part between the lines.
         phase_rad: [R] phase of each trial.
         bias_n: [R, 3] bias of each trial, N.
+        turning: [R, P, 3] what turning a trial by its phase does to `weighted`, a unit vector of each trial,
+            which is projected out; zero where the angle was measured.
     """
 
     weighted: Array
     remaining_n: Array
     phase_rad: Array
     bias_n: Array
+    turning: Array
 
 
 def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike = 0.0) -> Residual:
@@ -47,6 +50,17 @@ def residual_of_lines(problem: Problem, lines: Array, shared_bias_n: ArrayLike =
     shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
     solve = partial(_solve_trial, problem, shared)
     return jax.vmap(solve)(lines, problem.whitened, problem.factor, problem.present, problem.weights)
+
+
+def residual_beside(
+    problem: Problem, lines: Array, shared_bias_n: ArrayLike, phase_rad: Array, turning: Array
+) -> Array:
+    """[R, P, 3] weighted residual against lines [R, orders + 1, 3] close to some of which the phases [R] and
+    `turning` [R, P, 3] are known: to first order what `residual_of_lines` gives, at less of its cost."""
+    shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
+    solve = partial(_held_trial, problem, shared)
+    known = problem.whitened, problem.factor, problem.present, problem.weights, phase_rad, turning
+    return jax.vmap(solve)(lines, *known)
 
 
 def as_measured(problem: Problem, lines: Array) -> Array:
@@ -69,49 +83,79 @@ def _solve_trial(
     present: Array,
     weight: Array,
 ) -> Residual:
-    spread, heard = problem.bias_spread_n, problem.heard
-    constant = factor[0]
-    norm = constant @ constant
-    # closed-form bias with its prior: share of the projection on the constant that a bias takes away
-    absorbed = (weight * spread) ** 2 * norm / (1.0 + (weight * spread) ** 2 * norm)
-
-    def without_bias(value: Array) -> Array:
-        return value - jnp.outer(constant, absorbed * (constant @ value) / norm)
-
-    keep = 1.0 - jnp.sqrt(1.0 - absorbed)
-
-    def unbiased(remaining: Array) -> Array:
-        return remaining - jnp.outer(constant, keep * (constant @ remaining) / norm)
-
-    def bias_of(remaining: Array) -> Array:
-        return jnp.where(spread > 0.0, (constant @ remaining) / norm, 0.0)
-
+    heard, bias = problem.heard, _Bias(problem, factor, weight)
     if problem.motion is not None:
         remaining = whitened - factor.T @ _real(lines, present, heard).at[0].add(shared)
-        bias = bias_of(remaining)
-        left = remaining - jnp.outer(constant, bias)
-        return Residual(unbiased(remaining) * weight, left, jnp.zeros(()), bias + shared)
+        own_n = bias.best_n(remaining)
+        left = remaining - jnp.outer(bias.constant, own_n)
+        still = jnp.zeros_like(whitened)
+        return Residual(bias.damped(remaining) * weight, left, jnp.zeros(()), own_n + shared, still)
     still = jax.lax.stop_gradient(lines)
     start = _best_phase(still, whitened, factor, weight, heard)
     teeth, turned = problem.tool.teeth, _turned(still, start)
     of_all = (np.arange(len(still)) % teeth == 0)[:, None]
     alike = _real(jnp.where(of_all, turned, 0.0), present, heard).at[0].add(shared)
-    apart = without_bias(whitened - factor.T @ alike)
+    apart = bias.taken_out(whitened - factor.T @ alike)
     start = start + _whole_teeth(jnp.where(of_all, 0.0, turned), apart, factor, weight, teeth, heard)
     columns = _derivatives(_real(_turned(still, start), present, heard), _TERMS, heard)
     columns[0] = columns[0].at[0].add(shared)
     now, *slopes = jnp.split(-factor.T @ jnp.concatenate(columns, axis=1), 1 + _TERMS, axis=1)
-    expansion = jnp.stack([without_bias(each) * weight for each in (whitened + now, *slopes)])
+    expansion = jnp.stack([bias.taken_out(each) * weight for each in (whitened + now, *slopes)])
     phase = jax.lax.stop_gradient(start + _least_turn(expansion.reshape(1 + _TERMS, -1)))
     real = _real(_turned(lines, phase), present, heard)
     turning = jax.lax.stop_gradient(_derivatives(real, 1, heard)[1])
     told, slope = jnp.split(factor.T @ jnp.concatenate([real.at[0].add(shared), turning], axis=1), 2, axis=1)
-    remaining, slope = whitened - told, without_bias(-slope) * weight
-    projected = unbiased(remaining) * weight
+    remaining, slope = whitened - told, bias.taken_out(-slope) * weight
+    projected = bias.damped(remaining) * weight
     slope = slope / jnp.sqrt(jnp.maximum(jnp.sum(slope**2), 1e-30))
     projected = projected - slope * jnp.sum(slope * projected)
-    bias = bias_of(remaining)
-    return Residual(projected, remaining - jnp.outer(constant, bias), phase, bias + shared)
+    own_n = bias.best_n(remaining)
+    return Residual(projected, remaining - jnp.outer(bias.constant, own_n), phase, own_n + shared, slope)
+
+
+def _held_trial(
+    problem: Problem,
+    shared: Array,
+    lines: Array,
+    whitened: Array,
+    factor: Array,
+    present: Array,
+    weight: Array,
+    phase_rad: Array,
+    turning: Array,
+) -> Array:
+    real = _real(_turned(lines, phase_rad), present, problem.heard)
+    remaining = whitened - factor.T @ real.at[0].add(shared)
+    projected = _Bias(problem, factor, weight).damped(remaining) * weight
+    return projected - turning * jnp.sum(turning * projected)
+
+
+class _Bias:
+    """The bias of one trial, which is solved for in closed form under its prior.
+
+    `constant` [P] is what a bias of 1 N adds to the whitened lines; `absorbed` [3] the share of what lies
+    along it that a bias takes away.
+    """
+
+    def __init__(self, problem: Problem, factor: Array, weight: Array) -> None:
+        self.constant = factor[0]
+        self.norm = self.constant @ self.constant
+        self.spread = problem.bias_spread_n
+        freedom = (weight * self.spread) ** 2 * self.norm
+        self.absorbed = freedom / (1.0 + freedom)
+
+    def taken_out(self, value: Array) -> Array:
+        """[P, A] less the best bias of it."""
+        return value - jnp.outer(self.constant, self.absorbed * (self.constant @ value) / self.norm)
+
+    def damped(self, value: Array) -> Array:
+        """[P, A] of which the sum of squares is what the best bias leaves, and its prior with it."""
+        keep = 1.0 - jnp.sqrt(1.0 - self.absorbed)
+        return value - jnp.outer(self.constant, keep * (self.constant @ value) / self.norm)
+
+    def best_n(self, value: Array) -> Array:
+        """[3] the bias that leaves least, N."""
+        return jnp.where(self.spread > 0.0, (self.constant @ value) / self.norm, 0.0)
 
 
 def _derivatives(real: Array, highest: int, heard: Array) -> list[Array]:
