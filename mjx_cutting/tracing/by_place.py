@@ -33,7 +33,7 @@ def by_place(first: Pass, moving: Sequence[type[AbstractEffect]], searches: Sear
     if pieces is None:
         return first
     searches.progress("the trials in pieces")
-    problem = pose(pieces, compress(pieces, searches.band_hz, orders=first.lines.orders))
+    problem = pose(pieces, compress(pieces, searches.band_hz, like=first.lines))
     so_far, x = first.search.effects, first.search.final_fit.x
     if not any(kind.by_position for kind in so_far):
         promising = screen(problem, so_far, jnp.asarray(x), moving)

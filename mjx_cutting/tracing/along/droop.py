@@ -140,7 +140,7 @@ def _law(loss: Array, torque: Array, stated: Array) -> Law:
 def _near(dataset: Dataset, lines: Lines, about_rev_s: Array, measured: bool) -> Lines:
     """The lines of the trials at speeds within reach of those [R]; measured ones are brought there."""
     if not measured:
-        return compress(dataset, lines.band_hz, about_rev_s=about_rev_s, orders=lines.orders)
+        return compress(dataset, lines.band_hz, about_rev_s=about_rev_s, like=lines)
     reach = SPREAD * about_rev_s
     speeds = np.clip(lines.speed_rev_s, about_rev_s - reach, about_rev_s + reach)
     return replace(lines, speed_rev_s=speeds)

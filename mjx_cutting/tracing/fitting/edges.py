@@ -47,7 +47,7 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
         for trial in dataset.trials
     )
     cleared = replace(dataset, trials=tuple(trials))
-    rest = compress(cleared, band_hz, about_rev_s=lines.speed_rev_s, orders=lines.orders).rest_n2
+    rest = compress(cleared, band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
     return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else dataset
 
 

@@ -33,6 +33,7 @@ CONFIDENCE = 0.95
 _EDGE = 0.01
 _BENEATH = 0.1
 _UNMOVED = 1e-6
+_NIL = 1e-9
 _MOST_WIDENED = 3.0
 _WIDEST = 50.0
 _RISES = 0.25
@@ -144,8 +145,9 @@ def interval(
         values = value + np.angle(np.exp(1j * (values - value)))
     spread = _jackknife(values)
     error = np.maximum(spread, laplace)
-    # the surest entry; what the trials do not move (held at a bound, say) says nothing, unless nothing moves
-    moved = spread > _UNMOVED * np.abs(value)
+    # the surest entry; what the trials do not move (held at a bound, say), or what is nil beside the others
+    # (force along x in a drill), says nothing, unless nothing moves
+    moved = (spread > _UNMOVED * np.abs(value)) & (np.abs(value) > _NIL * np.abs(value).max())
     sure = np.where(moved, np.abs(value) / np.where(moved, error, 1.0), -1.0)
     tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
     quantile = _quantile(folds)

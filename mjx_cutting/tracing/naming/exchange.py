@@ -3,7 +3,8 @@
 Forward search may name first what does part of two effects' work (a broken tooth for runout and pitch
 together) and then add the one that is left. So every effect but the last is taken out again: it must pass the
 same tests beside the others, against the best alternatives of its own round. Where an alternative passes and
-is better beyond two standard errors, it takes the place; where nothing passes, the place stays empty.
+is better beyond two standard errors, it takes the place; where nothing passes, the place stays empty. Wear
+that was even while something else was missing may show its stages now (`wear_stages`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, try_effect
 from mjx_cutting.tracing.naming.decision import STANDARD_ERRORS, gain_over_trials
+from mjx_cutting.tracing.naming.wear_stages import in_stages
 from mjx_cutting.tracing.records.lines import Lines
 
 _ALTERNATIVES = 2
@@ -65,8 +67,9 @@ def reconsider(
             try_effect(contest, (*rest, one), np.concatenate([alone.x, own]), alone, before)
             for one, own in starts
         ]
+        tried[0] = in_stages(tried[0], contest, (*rest, kind), alone, before)
         best = _best(tried)
-        if best is tried[0]:
+        if best is not None and best.kind is kind:
             continue
         ordered = tuple(sorted(tried, key=lambda each: each.heldout.nrmse))
         after = replace(rounds[place], before=before, candidates=ordered, accepted=best)

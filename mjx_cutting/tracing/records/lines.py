@@ -4,17 +4,20 @@ The model's force is a sum of lines at multiples of the spindle frequency, y = B
 n th, sin n th] over the samples. The squared error is |y|^2 - 2 q.b + q.G q with b = B^T y and G = B^T B, so
 (|y|^2, b, G) hold all a fit needs; with G = L L^T it is |z - L^T q|^2 + rest, z = L^-1 b. `rest` is what no
 steady model can explain: noise, and lines that do not belong to the spindle. The folding of lines above half
-the sampling rate is in B, so nothing is lost to it.
+the sampling rate is in B, so nothing is lost to it. Of many orders those that hold noise alone are not
+followed (`followed`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from mjx_cutting.tracing.records.followed import followed_orders
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.spindle import (
     measured_speed,
@@ -33,6 +36,7 @@ _SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192)
 _UNFILTERED_HARMONICS = 48
 _MOST_UNFILTERED = 256
 _SAMPLES_PER_ORDER = 8
+_MANY_ORDERS = 56
 _INAUDIBLE = 100.0
 _BESIDE = 1.5
 PIECE = ", piece "
@@ -53,6 +57,7 @@ class Lines:
         present: [R, P] 1 where the order lies in the band, or so near that it leaks into it.
         orders: highest order.
         band_hz: (low, high) band in which everything is measured.
+        followed: [orders + 1] True for the orders that are followed; the others hold noise alone.
     """
 
     files: tuple[str, ...]
@@ -65,6 +70,7 @@ class Lines:
     present: Array
     orders: int
     band_hz: tuple[float, float]
+    followed: NDArray[np.bool_]
 
     @property
     def trials(self) -> int:
@@ -128,14 +134,14 @@ def compress(
     dataset: Dataset,
     band_hz: tuple[float, float],
     about_rev_s: Array | None = None,
-    orders: int | None = None,
+    like: Lines | None = None,
 ) -> Lines:
     """Lines of every cut trial of the dataset.
 
     Arguments:
         about_rev_s: [R] speeds about which each trial's own is looked for, and no further than a stated one
             may err; default: wherever a motor that gives way may have left it (`spindle`).
-        orders: highest order; default the highest that is heard in the band.
+        like: lines of which the same orders are followed; default those that are heard in the band.
 
     Raises:
         ValueError: no cut trial, or one too short to tell its lines apart.
@@ -143,17 +149,48 @@ def compress(
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     if not trials:
         raise ValueError("the dataset has no cut trial; tracing needs at least one of kind 'cut'")
-    if dataset.tool.kind in LEVEL_KINDS:
-        speeds, orders = np.array([measured_speed(trial) or stated_speed(trial) for trial in trials]), 0
+    levels = dataset.tool.kind in LEVEL_KINDS
+    if levels:
+        speeds = np.array([measured_speed(trial) or stated_speed(trial) for trial in trials])
     elif about_rev_s is None:
         speeds = spindle_speeds(trials, dataset.tool)
     else:
         pairs = zip(trials, about_rev_s, strict=True)
         speeds = np.array([spindle_speed(trial, dataset.tool.teeth, float(f)) for trial, f in pairs])
-    if orders is None:
-        orders = _highest_order(dataset, band_hz, float(speeds.min()))
+    if like is not None:
+        return _read(dataset, trials, speeds, band_hz, like.followed)
+    highest = 0 if levels else _highest_order(dataset, band_hz, float(speeds.min()))
+    lines = _read(dataset, trials, speeds, band_hz, np.ones(highest + 1, bool))
+    followed = _followed(lines, dataset)
+    if np.array_equal(followed, lines.followed):
+        return lines
+    return _read(dataset, trials, speeds, band_hz, followed)
+
+
+def _followed(lines: Lines, dataset: Dataset) -> NDArray[np.bool_]:
+    """[orders + 1] the orders worth following, up to one of few sizes, so that what is compiled for one data
+    set serves others; all, where they are not many."""
+    if lines.orders < _MANY_ORDERS:
+        return lines.followed
+    low, high = lines.band_hz
+    in_band = np.minimum(2.0 * (high - low) / dataset.sensor.sample_rate_hz, 1.0) * lines.samples
+    noise = lines.rest_n2 / np.maximum(in_band - lines.present.sum(axis=1), 1.0)[:, None]
+    energy = float(lines.energy_n2.sum())
+    followed = followed_orders(lines.whitened, lines.present, noise, energy, dataset.tool.teeth)
+    highest = int(np.flatnonzero(followed).max())
+    size = next((size for size in _SIZES if size >= highest), lines.orders)
+    return followed[: min(size, lines.orders) + 1]
+
+
+def _read(
+    dataset: Dataset,
+    trials: Sequence[Trial],
+    speeds: Array,
+    band_hz: tuple[float, float],
+    followed: NDArray[np.bool_],
+) -> Lines:
     parts = [
-        _one(trial, speed, orders, dataset.sensor.sample_rate_hz, band_hz)
+        _one(trial, speed, followed, dataset.sensor.sample_rate_hz, band_hz)
         for trial, speed in zip(trials, speeds, strict=True)
     ]
     energy, rest, whitened, factor, present, samples = (np.stack(part) for part in zip(*parts, strict=True))
@@ -166,8 +203,9 @@ def compress(
         whitened=whitened,
         factor=factor,
         present=present,
-        orders=orders,
+        orders=len(followed) - 1,
         band_hz=band_hz,
+        followed=followed,
     )
 
 
@@ -233,14 +271,15 @@ def _folded(frequency_hz: Array, rate_hz: float) -> Array:
 
 
 def _one(
-    trial: Trial, speed: float, orders: int, rate_hz: float, band_hz: tuple[float, float]
+    trial: Trial, speed: float, followed: NDArray[np.bool_], rate_hz: float, band_hz: tuple[float, float]
 ) -> tuple[Array, Array, Array, Array, Array, int]:
     record = band_limit(trial.force_n, rate_hz, band_hz)
-    columns = basis(spindle_angle(trial, speed), orders)
-    order = order_of_columns(orders)
+    columns = basis(spindle_angle(trial, speed), len(followed) - 1)
+    order = order_of_columns(len(followed) - 1)
     folded = _folded(order * speed, rate_hz)
     beside = _BESIDE * speed
-    present = ((folded >= band_hz[0] - beside) & (folded <= band_hz[1] + beside)).astype(float)
+    in_band = (folded >= band_hz[0] - beside) & (folded <= band_hz[1] + beside)
+    present = (in_band & followed[order]).astype(float)
     # the same filter as on the record: a line just outside the band leaks into it alike
     columns = band_limit(columns * present, rate_hz, band_hz)
     if len(record) <= 2 * present.sum():

@@ -43,7 +43,7 @@ def test_a_trial_is_the_sum_of_its_pieces(session):
 def test_pieces_stand_at_their_own_places(session):
     dataset, lines, pieces = session
     with _platform.x64():
-        cut = compress(pieces, lines.band_hz, orders=lines.orders)
+        cut = compress(pieces, lines.band_hz, like=lines)
         whole, parts = pose(dataset, lines), pose(pieces, cut)
     count = parts.trials // whole.trials
     middles = np.asarray(parts.cut.position_m).reshape(-1, count)
@@ -55,7 +55,7 @@ def test_pieces_stand_at_their_own_places(session):
 def test_pieces_are_held_out_with_their_trial(session):
     dataset, lines, pieces = session
     with _platform.x64():
-        cut = compress(pieces, lines.band_hz, orders=lines.orders)
+        cut = compress(pieces, lines.band_hz, like=lines)
         problem, base = fit_base(pose(pieces, cut))
         fold = folds(pieces, 0)
         found = held_out(problem, cut, (), base.x, fold)

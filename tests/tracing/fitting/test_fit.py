@@ -108,8 +108,9 @@ def test_a_small_line_once_a_turn_tells_the_teeth_apart_beside_a_great_mean_that
         sensor = dataclasses.replace(dataset.sensor, sample_rate_hz=rate_hz, anti_alias=None)
         cuts = dataclasses.replace(dataset, trials=tuple(trials), sensor=sensor)
         speeds = np.full(len(trials), cut.spindle_speed_rev_s)
-        lines = compress(cuts, (0.0, 700.0), speeds, orders=orders)
-        model = line.copy()
+        lines = compress(cuts, (0.0, 700.0), speeds)
+        model = np.zeros((lines.orders + 1, 3), complex)
+        model[: orders + 1] = line
         model[0] *= 0.99
         left = residual_of_lines(pose(cuts, lines), np.tile(model, (len(trials), 1, 1)))
     apart = np.asarray(left.phase_rad) - truth

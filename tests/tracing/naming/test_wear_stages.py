@@ -112,3 +112,27 @@ def test_wear_of_two_inserts_is_named():
 
 def test_a_sharp_edge_has_none():
     assert trace(_turned(lambda length: 0.0)).verdict["verdict"] == "nothing missing"
+
+
+def test_stages_that_drift_hides_at_first_are_found_beside_it():
+    """Even wear is found first, then the drift of the sensor; only beside that do the stages show."""
+
+    def land_m(length: float) -> float:
+        return 5e-5 * -np.expm1(-length / 1.0) + 4e-6 * length
+
+    lengths_m = sorted((*LENGTHS_M, *MORE_M))
+    dataset = _turned(land_m, lengths_m=lengths_m)
+    order = np.random.default_rng(1).permutation(len(lengths_m))
+    trials = [
+        replace(
+            trial,
+            clock_start_s=60.0 * after,
+            force_n=trial.force_n + 25.0 * -np.expm1(-60.0 * after / 500.0) * np.array([-1.0, 1.0, 1.0]),
+        )
+        for trial, after in zip(dataset.trials, order, strict=True)
+    ]
+    verdict = trace(replace(dataset, trials=tuple(trials))).verdict
+    assert {each["name"] for each in verdict["effects"]} == {"flank_wear", "thermal_drift"}
+    wear = next(each["parameters"] for each in verdict["effects"] if each["name"] == "flank_wear")
+    assert wear["run_in_m"]["value"] == pytest.approx(1.0, rel=0.2)
+    assert verdict["verdict"] == "explained"
