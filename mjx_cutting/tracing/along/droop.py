@@ -79,7 +79,9 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
         about = loaded_about(dataset, model.with_effects(kind(max(own.droop, 0.0))), stated, own.off)
         laws.append(own.droop)
         centres[~keep] = about[~keep]
-    near = _near(dataset, lines, stated, measured)
+    # the lines found may be those of records less what changes along them, which the base model has to face
+    whole = compress(dataset, lines.band_hz, lines.speed_rev_s, like=lines) if measured else lines
+    near = _near(dataset, whole, stated, measured)
     problem, base = fit_base(pose(dataset, near))
     before = held_out(problem, near, (), base.x, found.base.fold)
     after = _within_reach(dataset, lines, found, centres, measured)

@@ -1,4 +1,4 @@
-"""Effects that change along a trial: material that varies with position, mains, a stepped feed.
+"""Effects that change along a trial: layers of the sheet, mains; and all kinds together.
 
 What such an effect adds to the force of the best steady model is, for given shapes p (a wavelength, a place,
 a frequency), linear in a few coefficients c:
@@ -23,6 +23,7 @@ from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums
+from mjx_cutting.tracing.along.stair import STAIR
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 Array = NDArray[np.floating]
@@ -154,28 +155,6 @@ def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
     return len(shares) >= _FEWEST_APART and abs(float(np.median(shares)) - 1.0) < _AS_LARGE
 
 
-def _stairs(courses: Sequence[Course]) -> Array:
-    return np.asarray([[0.01], [0.02], [0.025], [0.04], [0.05], [0.1]])
-
-
-def _stair(course: Course, shape: Array) -> Array:
-    assert course.feed_share is not None
-    period_s, time_s = float(shape[0]), course.time_s - course.delay_s
-    step = np.arange(int(course.time_s[-1] / period_s + 1e-6) + 1)
-    first = np.minimum(np.searchsorted(course.time_s, step * period_s - 1e-6), len(time_s) - 1)
-    held = course.feed_share[first]
-    # a tooth cuts what was fed since the one before it; what came before the record is as its beginning
-    earlier_s = course.delay_s + course.pitch_s
-    edges = np.concatenate([[-earlier_s], period_s * np.arange(len(step) + 1)])
-    fed = np.concatenate([[-earlier_s * held[0], 0.0], period_s * np.cumsum(held)])
-    since = np.interp(time_s, edges, fed) - np.interp(time_s - course.pitch_s, edges, fed)
-    return (since[:, None] / course.pitch_s * course.force(0.0))[..., None]
-
-
-def _stair_effect(shape: Array, c: Array) -> AbstractEffect:
-    return effect_class("command_stair")(share=float(c[0]), period_s=float(shape[0]))
-
-
 _MAINS_STRAY_HZ = 0.06
 _END_SHARE = 0.01
 _RESOLVED = 1.5
@@ -207,13 +186,7 @@ KINDS: tuple[Kind, ...] = (
         rather=_mains_of_the_spindle,
         sums=_mains_sums,
     ),
-    Kind(
-        "command_stair",
-        lambda courses: all(each.feed_share is not None for each in courses),
-        _stairs,
-        _stair,
-        _stair_effect,
-    ),
+    STAIR,
     HYSTERESIS,
 )
 """Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""

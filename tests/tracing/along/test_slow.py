@@ -237,6 +237,26 @@ def test_a_stair_holds_the_feed_of_its_own_beginning_and_each_tooth_cuts_what_wa
     np.testing.assert_allclose(seen[off_steps], np.array(expected)[off_steps], atol=1e-4)
 
 
+def test_a_measured_feed_that_is_a_stair_shows_its_period_and_when_each_began():
+    """A record begins in the middle of a period: no multiples of any from its start."""
+    time, band, one = np.arange(200) / 500.0, (0.0, 200.0), np.ones((200, 3))
+    commanded = np.random.default_rng(0).normal(0.0, 0.1, 40)
+
+    def course(first_s: float) -> Course:
+        feed = commanded[np.floor((time + first_s + 1e-9) / 0.02).astype(int)]
+        return Course(time, 0.01 * time, feed, one, one, one, 500.0, band, pitch_s=1e-9)
+
+    (stair,) = (each for each in KINDS if each.name == "command_stair")
+    courses = [course(0.01), course(0.004)]
+    np.testing.assert_allclose(stair.grid(courses), [[0.02]], rtol=1e-6)
+    for each in courses:
+        np.testing.assert_allclose(
+            stair.columns(each, np.array([0.02]))[1:, 1, 0], each.feed_share[:-1], atol=1e-6
+        )
+    noisy = [replace(each, feed_share=each.feed_share + 0.03 * np.sin(1e4 * time)) for each in courses]
+    assert len(stair.grid(noisy)) > 1
+
+
 @pytest.mark.parametrize("scatter", [1.0, 35.0])
 def test_a_share_is_known_no_better_than_the_force_that_it_is_of(scatter):
     """Where the fits of the folds do not agree on that: the share's interval is wider, the place's is not,

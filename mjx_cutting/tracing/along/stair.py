@@ -1,0 +1,75 @@
+"""The stair of a commanded feed: held over each period of the policy, each tooth cuts what was fed since the
+one before it.
+
+A measured feed that is a stair itself shows its period and when each began, which need not be when the record
+did. Any other is held from multiples of the periods tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect, effect_class
+from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.records.course import Course
+
+Array = NDArray[np.floating]
+_PERIODS_S = (0.01, 0.02, 0.025, 0.04, 0.05, 0.1)
+_STEP = 0.05
+_FLAT = 1e-3
+_MOST_STEPS = 1.0 / 3.0
+_FEWEST_STEPS = 3
+
+
+def _periods(courses: Sequence[Course]) -> Array:
+    """[P, 1] the period that all measured feeds show, else those worth trying, s."""
+    own = [_own_starts(each) for each in courses]
+    shown = [float(np.median(np.diff(each[1:]))) for each in own if each is not None]
+    if len(shown) == len(own) and np.ptp(shown) * courses[0].rate_hz < 1.5:
+        return np.array([[np.median(shown)]])
+    return np.array(_PERIODS_S)[:, None]
+
+
+def _own_starts(course: Course) -> Array | None:
+    """[S] times at which a measured feed that is a stair was taken anew, the record's first included; None
+    where it is no stair."""
+    assert course.feed_share is not None
+    change = np.diff(course.feed_share) ** 2
+    steps = change > _STEP**2 * np.var(course.feed_share)
+    if not _FEWEST_STEPS < steps.sum() < _MOST_STEPS * len(change):
+        return None
+    if change[~steps].sum() > _FLAT * change.sum():
+        return None
+    return np.concatenate([course.time_s[:1], course.time_s[1:][steps]])
+
+
+def _stair(course: Course, shape: Array) -> Array:
+    assert course.feed_share is not None
+    period_s, time_s = float(shape[0]), course.time_s - course.delay_s
+    starts = _own_starts(course)
+    if starts is None:
+        starts = period_s * np.arange(int(course.time_s[-1] / period_s + 1e-6) + 1)
+    first = np.minimum(np.searchsorted(course.time_s, starts - 1e-6), len(time_s) - 1)
+    held = course.feed_share[first]
+    # what came before the record is as its beginning
+    earlier_s = course.delay_s + course.pitch_s
+    edges = np.concatenate([[-earlier_s], starts, [starts[-1] + period_s]])
+    fed = np.concatenate([[-earlier_s * held[0], 0.0], np.cumsum(held * np.diff(edges[1:]))])
+    since = np.interp(time_s, edges, fed) - np.interp(time_s - course.pitch_s, edges, fed)
+    return (since[:, None] / course.pitch_s * course.force(0.0))[..., None]
+
+
+def _effect(shape: Array, c: Array) -> AbstractEffect:
+    return effect_class("command_stair")(share=float(c[0]), period_s=float(shape[0]))
+
+
+STAIR = Kind(
+    "command_stair",
+    lambda courses: all(each.feed_share is not None for each in courses),
+    _periods,
+    _stair,
+    _effect,
+)
