@@ -7,7 +7,7 @@ of the encoder, the same in all trials; if the force is late by a time D, it goe
 
 What names the offset is a delay that brings the phases of all trials together as chance would not. Held-out
 error: "before" is scored with every trial at the zero that the others have in common, "after" where the
-others' zero and delay put it.
+others' zero and delay put it. A trial that does not tell its phase says nothing.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ _SPEEDS_APART = 1.05
 _STEPS_A_TOOTH = 32
 _AS_GOOD = 2.0
 _SURE_RAD = 1e-4
+_SURELY = 10.0
 Array = NDArray[np.floating]
 
 
@@ -70,21 +71,22 @@ def find_offset(
     """
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     known = all(trial.spindle_angle_rad is not None for trial in trials)
-    speed = np.array([each.speed_rev_s for each in after])
-    slowest = _SPEEDS_APART * speed.min()
-    if dataset.tool.kind in LEVEL_KINDS or not known or len(trials) < _FEWEST or speed.max() < slowest:
+    if dataset.tool.kind in LEVEL_KINDS or not known:
         return None
     kind, teeth = effect_class(NAME), dataset.tool.teeth
+    speed, sure = np.array([each.speed_rev_s for each in after]), tells_phase(dataset, lines, found)
+    if sure.sum() < _FEWEST or speed[sure].max() < _SPEEDS_APART * speed[sure].min():
+        return None
     measured = [spindle_angle(trial, each) for trial, each in zip(trials, speed, strict=True)]
     phases = Phases(_against(measured, after), speed, teeth)
-    delay = phases.delay(kind.parameters["delay_s"].high)
-    without, rest = phases.away(0.0), phases.away(delay)
-    by_fold, one_zero, one_delay = [], np.empty_like(speed), np.empty_like(speed)
+    delay = phases.of(sure).delay(kind.parameters["delay_s"].high)
+    without, rest = (phases.away(each, sure)[sure] for each in (0.0, delay))
+    by_fold, one_zero, one_delay = [], np.zeros_like(speed), np.zeros_like(speed)
     for fold in range(int(final.fold.max()) + 1):
-        use = final.fold != fold
+        use, held = sure & (final.fold != fold), sure & (final.fold == fold)
         by_fold.append(phases.of(use).closer(delay))
-        one_zero[~use] = phases.away(0.0, use)[~use]
-        one_delay[~use] = phases.away(by_fold[-1], use)[~use]
+        one_zero[held] = phases.away(0.0, use)[held]
+        one_delay[held] = phases.away(by_fold[-1], use)[held]
 
     def error(fit: Fit, old: HeldOut, shown: Sequence[Prediction], away: Array) -> HeldOut:
         """Held-out error with every trial turned back by what its phase is away."""
@@ -97,13 +99,13 @@ def find_offset(
         return HeldOut(np.maximum(added, 0.0), old.energy_n2, old.fits, old.fold)
 
     rigid, late = (error(found.final_fit, final, after, away) for away in (one_zero, one_delay))
-    p, error_s = _chance(phases, without, rest, kind.parameters["delay_s"].high)
+    p, error_s = _chance(phases.of(sure), without, rest, kind.parameters["delay_s"].high)
     told = {"delay_s": interval(kind, "delay_s", delay, np.array(by_fold), error_s)}
     decision = decide(kind, rigid, late, p, told, over_trials=False)
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
     candidate = SlowCandidate(kind, kind(delay), late, decision, silent)
     tried = SlowRound(rigid, (candidate,), candidate if decision.accepted else None)
-    bare = Phases(_against(measured, before), speed, teeth).away(0.0)
+    bare = np.where(sure, Phases(_against(measured, before), speed, teeth).away(0.0, sure), 0.0)
     base = error(found.base_fit, found.base, before, bare)
     turned = _shown(dataset, lines, found, found.base_fit, -bare)
     return Offset(tried, base, turned, _evidence(without, rest, p))
@@ -114,6 +116,23 @@ def _shown(
 ) -> tuple[Prediction, ...]:
     bias = shared_bias(found.problem, fit.x)
     return predictions(dataset, lines, found.problem, fit.model, bias, turn_rad=turn_rad)
+
+
+def tells_phase(dataset: Dataset, lines: Lines, found: Search) -> NDArray[np.bool_]:
+    """[R] whether a trial tells its phase but for whole teeth: not where no tooth passing is heard, or only
+    every second or third harmonic of it, which a turn by half or a third of a tooth leaves alone."""
+    pitch, nil = 2.0 * np.pi / dataset.tool.teeth, np.zeros(lines.trials)
+    turns = (nil, nil + pitch / 2.0, nil + pitch / 3.0)
+    still, *turned = (_shown(dataset, lines, found, found.final_fit, each) for each in turns)
+    weights = np.asarray(found.problem.weights)
+    changed = [
+        [
+            np.sum(((there.predicted_n - here.predicted_n) * weight) ** 2)
+            for here, there, weight in zip(still, each, weights, strict=True)
+        ]
+        for each in turned
+    ]
+    return np.min(changed, axis=0) > _SURELY**2
 
 
 def _against(measured: Sequence[Array], shown: Sequence[Prediction]) -> Array:
@@ -129,11 +148,11 @@ class Phases:
     speed: Array
     teeth: int
 
-    def of(self, use: Array) -> Phases:
+    def of(self, use: NDArray[np.bool_]) -> Phases:
         """Those of some of the trials."""
         return Phases(self.phase[use], self.speed[use], self.teeth)
 
-    def away(self, delay_s: float, use: Array | slice = slice(None)) -> Array:
+    def away(self, delay_s: float, use: NDArray[np.bool_] | slice = slice(None)) -> Array:
         """[R] how far each is from the zero that those of `use` have in common after a delay, rad."""
         turned = np.exp(1j * self.teeth * (self.phase + 2.0 * np.pi * self.speed * delay_s))
         return np.asarray(np.angle(turned * np.conj(np.mean(turned[use]))) / self.teeth)

@@ -37,6 +37,8 @@ from mjx_cutting.tracing.records.course import Course
 MOST_SLOW = 6
 _MOST_LAYERS = 3
 _HATS = 24
+_HARDLY = 1e-3
+_FEWEST_REACHED = 4
 _SHARE_OF_FREE = 0.85
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
 _IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
@@ -257,7 +259,8 @@ def _try(
         error[held] = (before.error_n2 + fits.error_change(shape, own))[held]
         by_fold.append(as_values(kind.build(shapes[shape], own)))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
-    p = chance_over_trials(before, after, test.tries)
+    reached = _reached(kind, trials, shapes[best])
+    p = chance_over_trials(before.only(reached), after.only(reached), test.tries)
     reach = reach_of_the_model(kind, trials, shapes[best])
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
@@ -287,6 +290,15 @@ def _try(
     return SlowCandidate(
         kind.effect, effect, after, decision, tuple(added), tuple(whole), short, shapes[best], unsure
     )
+
+
+def _reached(kind: Kind, trials: Sequence[Course], shape: Array) -> NDArray[np.bool_]:
+    """[R] the trials that a shape [d] changes at all: those that end before its place, or begin beyond it,
+    say nothing for it or against. All, where few do."""
+    changed = [np.mean(kind.columns(course, shape) ** 2) for course in trials]
+    share = np.asarray(changed) / [np.mean(course.force(1.0) ** 2) for course in trials]
+    reached = share > _HARDLY * share.max()
+    return reached if reached.sum() >= _FEWEST_REACHED else np.ones(len(trials), bool)
 
 
 @dataclass(frozen=True, eq=False)

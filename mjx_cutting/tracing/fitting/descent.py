@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fitting.fit import STIFFNESS, Effects, Fit, in_air
@@ -60,7 +60,7 @@ class Rows:
     phase_rad: Matrix
     turning: Matrix
 
-    def at(self, index: ArrayLike) -> Rows:
+    def at(self, index: NDArray[np.integer]) -> Rows:
         """Some of the rows."""
         return Rows(*(each[index] for each in (self.left, self.error_n2, self.phase_rad, self.turning)))
 
@@ -97,8 +97,8 @@ class Descent:
         for _, (lines, bias, beyond, _) in self._batches(x):
             by_trial = [np.asarray(each)[:, :trials] for each in _compare(problem, lines, bias)]
             parts.append([*by_trial, np.asarray(beyond)])
-        weighted, *rest, beyond = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
-        return Rows(_residual(weighted, beyond), *rest)
+        weighted, *rest, beside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        return Rows(_residual(weighted, beside), *rest)
 
     def beside(self, x: Matrix, known: Rows, of: NDArray[np.integer]) -> Matrix:
         """[n, M + B] residuals at `x` [n, U], each close to one of the `known` rows, `of` [n] which."""
@@ -109,8 +109,8 @@ class Descent:
             phase, turning = np.pad(near.phase_rad, more), np.pad(near.turning, (*more, (0, 0), (0, 0)))
             weighted = np.asarray(_beside(problem, lines, bias, phase, turning))[:, : self.problem.trials]
             parts.append((weighted, np.asarray(beyond)))
-        weighted, beyond = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
-        return _residual(weighted, beyond)
+        left, beside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
+        return _residual(left, beside)
 
     def models(self, x: Matrix) -> ForceModel:
         """The force models at `x` [n, U], every value with a leading axis [n]."""
@@ -150,8 +150,8 @@ class Descent:
         """
         size = starts.shape[1] - known.shape[1]
         here = self.rows(starts)
-        moved = starts[:, None] + _STEP * np.eye(starts.shape[1])[known.shape[1] :]
-        moved = self.beside(moved.reshape(-1, starts.shape[1]), here, np.repeat(np.arange(len(starts)), size))
+        close = starts[:, None] + _STEP * np.eye(starts.shape[1])[known.shape[1] :]
+        moved = self.beside(close.reshape(-1, starts.shape[1]), here, np.repeat(np.arange(len(starts)), size))
         known = np.pad(known, ((0, here.left.shape[1] - len(known)), (0, 0)))
         steps = []
         for left, beside in zip(here.left, moved.reshape(len(starts), size, -1), strict=True):
@@ -202,7 +202,7 @@ class Descent:
         each = np.sum(reached.left**2, axis=1)
         best = int(np.argmin(each))
         bold = tries[0] if self._beyond(reached.left[0]) else None
-        return bold, (tries[best], reached.at([best]), float(each[best]))
+        return bold, (tries[best], reached.at(np.array([best])), float(each[best]))
 
     def _beyond(self, left: Matrix) -> bool:
         """Whether a residual [M + B] has penalties: unknowns beyond their ranges."""

@@ -57,6 +57,10 @@ class HeldOut:
         """[R] each trial against its own force."""
         return np.sqrt(self.error_n2.sum(axis=1) / np.maximum(self.energy_n2.sum(axis=1), 1e-30))
 
+    def only(self, kept: NDArray[np.bool_]) -> HeldOut:
+        """The errors of some of the trials, `kept` [R]."""
+        return HeldOut(self.error_n2[kept], self.energy_n2[kept], None, self.fold[kept])
+
 
 def folds(dataset: Dataset, seed: int) -> NDArray[np.int64]:
     """[R] fold of each cut trial: by tool where there are several, else by trial (ten if over 12). Two tools

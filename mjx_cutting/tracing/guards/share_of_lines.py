@@ -19,7 +19,7 @@ from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 
-_LEAST_PART = 0.3
+_LEAST_PART = 0.5
 _LEAST_AT_TOOTH_PASSING = 0.4
 _LEAST_OF_THE_REST = 0.7
 

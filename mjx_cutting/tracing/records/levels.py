@@ -20,6 +20,7 @@ from mjx_cutting.trials.dataset import Dataset, Trial
 LEVEL_KINDS = ("drill", "turning")
 _IN_CUT = 0.5
 _TRIMMED = 0.1
+_AT_LEVEL = 0.9
 _FEWEST = 8
 _AIR = 0.2
 _FEWEST_IN_AIR = 20
@@ -109,14 +110,23 @@ def _error(samples: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _steady(force: NDArray[np.floating]) -> slice:
-    """Samples in full engagement: from the first to the last above half the usual force, ends trimmed."""
+    """Samples in full engagement: from the first to the last above half the usual force, ends trimmed at
+    which the tool comes in or goes out."""
     size, usual = _sizes(force)
     inside = np.flatnonzero(size > _IN_CUT * usual)
     if len(inside) < _FEWEST:
         return slice(None)
     first, last = int(inside[0]), int(inside[-1]) + 1
     trim = int(_TRIMMED * (last - first))
-    return slice(first + trim, last - trim)
+    comes_in = first > 0 or _rises(size[first : first + trim])
+    goes_out = last < len(size) or _rises(size[last - trim : last][::-1])
+    return slice(first + trim * comes_in, last - trim * goes_out)
+
+
+def _rises(size: NDArray[np.floating]) -> bool:
+    """Whether the force is less at the beginning of a stretch [T] than in the rest of it."""
+    early, rest = np.split(size, [len(size) // 4])
+    return bool(len(early) == 0 or early.mean() < _AT_LEVEL * rest.mean())
 
 
 def _sizes(force: NDArray[np.floating]) -> tuple[NDArray[np.floating], float]:

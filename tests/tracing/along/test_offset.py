@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.along.offset import Phases
+from mjx_cutting.tracing.along.offset import Phases, tells_phase
 from mjx_cutting.trials.dataset import Dataset
 
 SPEED = np.array([20.0, 20.1, 33.0, 33.2, 47.0, 47.1])
@@ -54,3 +55,17 @@ def test_a_late_force_is_named_and_an_encoder_with_another_zero_is_not(mill, del
     assert said["value"] == pytest.approx(delay_s, rel=0.01)
     assert verdict["after"]["heldout_nrmse"] < 1.1 * verdict["noise_floor_nrmse"]
     assert verdict["before"]["heldout_nrmse"] > 5.0 * verdict["after"]["heldout_nrmse"]
+
+
+def test_where_only_second_harmonics_are_heard_the_phase_is_not_told(mill):
+    """From 350 to 500 Hz, 60 rev/s show 480 Hz alone of tooth passing, which half a tooth leaves as it is; of
+    40 rev/s a little of 320 Hz leaks in beside 480 Hz."""
+
+    def told(band_hz):
+        found = trace(mill(), band_hz=band_hz, effects=())
+        with jax.enable_x64(True):
+            return tells_phase(found.dataset, found.lines, found.search)
+
+    assert told((0.0, 1000.0)).all()
+    slow, fast = np.split(told((350.0, 500.0)), 2)
+    assert slow.any() and not fast.any()

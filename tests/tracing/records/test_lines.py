@@ -65,7 +65,16 @@ def test_a_band_that_cannot_be_is_refused(mill, band):
 
 
 def test_without_a_filter_lines_are_followed_as_far_as_the_record_tells_them_apart(saw):
-    made = saw()
+    """A line at ten times half the sampling rate is heard where it folds; behind a filter it is not."""
+    made, order = saw(), 140
     bare = replace(made, sensor=replace(made.sensor, anti_alias=None))
     samples = len(made.trials[0].time_s)
-    assert compress(made, (0.0, 200.0)).orders < compress(bare, (0.0, 250.0)).orders <= samples / 8
+    speeds = compress(made, (0.0, 200.0)).speed_rev_s
+    beyond = [
+        replace(trial, force_n=trial.force_n + np.cos(2.0 * np.pi * order * speed * trial.time_s)[:, None])
+        for trial, speed in zip(bare.trials, speeds, strict=True)
+    ]
+    followed = compress(replace(bare, trials=tuple(beyond)), (0.0, 250.0), about_rev_s=speeds).followed
+    assert followed[order] and len(followed) - 1 <= samples / 8
+    behind = compress(replace(made, trials=tuple(beyond)), (0.0, 200.0), about_rev_s=speeds).followed
+    assert len(behind) <= order or not behind[order]
