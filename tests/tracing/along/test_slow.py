@@ -100,6 +100,15 @@ def test_a_layer_near_the_beginning_is_one_where_there_is_force_before_it():
     assert found.effect.values()["start_m"] == pytest.approx(0.0008, abs=1e-4)
 
 
+def test_a_deep_layer_is_named_that_two_of_six_cuts_never_reach():
+    """They gain nothing from it, which says nothing against it."""
+    (found,), rounds = _named(lambda s, i: np.where((s > 0.042) & (s < 0.047), -0.2, 0.0), edge_share=1.0)
+    assert found.kind.name == "layered_material"
+    assert found.effect.values()["start_m"] == pytest.approx(0.042, abs=2e-4)
+    gained = np.sum(rounds[0].before.error_n2 - found.heldout.error_n2, axis=1)
+    assert np.all(gained[2:] > 100.0 * np.abs(gained[:2]).max())
+
+
 def test_noise_is_given_no_name():
     assert _named(lambda s, i: 0.0 * s)[0] == []
 

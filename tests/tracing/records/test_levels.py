@@ -66,6 +66,19 @@ def test_only_the_steady_part_is_kept():
         assert np.all(trial.force_n[:, 0] == 0.0) and np.all(trial.force_n[:, 1:] > 0.0)
 
 
+@pytest.mark.parametrize("comes_in", [False, True])
+def test_ends_are_trimmed_where_the_tool_comes_in(turning_cut, comes_in):
+    """A record that begins at the level of the force shows the sheet from its first sample."""
+    time = np.arange(2000) / 200.0
+    force = np.outer(np.where(time < 3.0, 1.0, 1.2), [-40.0, 90.0, -10.0])
+    if comes_in:
+        force *= np.minimum(0.6 + 0.4 * time, 1.0)[:, None]
+    trial = turning_cut(time, force)
+    made = Dataset(name="t", tool=ToolInfo("turning", 1, 0.04), sensor=Sensor(200.0), trials=(trial,))
+    (kept,) = as_levels(made).trials
+    assert len(kept.time_s) == (1800 if comes_in else 2000)
+
+
 def test_thrust_counts_positive_whichever_way_it_was_recorded():
     """Else wear of a drill, which adds to the thrust, would be taken for the opposite of wear."""
     made = _drills(20.0)
