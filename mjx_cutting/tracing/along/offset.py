@@ -75,15 +75,16 @@ def find_offset(
         return None
     kind, teeth = effect_class(NAME), dataset.tool.teeth
     speed, sure = np.array([each.speed_rev_s for each in after]), tells_phase(dataset, lines, found)
-    if sure.sum() < _FEWEST or speed[sure].max() < _SPEEDS_APART * speed[sure].min():
+    folds = [sure & (final.fold != fold) for fold in range(int(final.fold.max()) + 1)]
+    if sure.sum() < _FEWEST or not all(_apart(speed[each]) for each in (sure, *folds)):
         return None
     measured = [spindle_angle(trial, each) for trial, each in zip(trials, speed, strict=True)]
     phases = Phases(_against(measured, after), speed, teeth)
     delay = phases.of(sure).delay(kind.parameters["delay_s"].high)
     without, rest = (phases.away(each, sure)[sure] for each in (0.0, delay))
     by_fold, one_zero, one_delay = [], np.zeros_like(speed), np.zeros_like(speed)
-    for fold in range(int(final.fold.max()) + 1):
-        use, held = sure & (final.fold != fold), sure & (final.fold == fold)
+    for use in folds:
+        held = sure & ~use
         by_fold.append(phases.of(use).closer(delay))
         one_zero[held] = phases.away(0.0, use)[held]
         one_delay[held] = phases.away(by_fold[-1], use)[held]
@@ -116,6 +117,11 @@ def _shown(
 ) -> tuple[Prediction, ...]:
     bias = shared_bias(found.problem, fit.x)
     return predictions(dataset, lines, found.problem, fit.model, bias, turn_rad=turn_rad)
+
+
+def _apart(speed_rev_s: Array) -> bool:
+    """Whether speeds are there and differ by enough to tell a delay."""
+    return bool(len(speed_rev_s)) and bool(speed_rev_s.max() >= _SPEEDS_APART * speed_rev_s.min())
 
 
 def tells_phase(dataset: Dataset, lines: Lines, found: Search) -> NDArray[np.bool_]:

@@ -4,8 +4,8 @@ What costs time in trying thirty effects is not arithmetic but compiling each on
 lines of a model are compiled for each set of effects, with little optimisation; comparing lines with
 measurements is compiled once for a data set. Jacobians are forward differences, evaluated in one batch at the
 phases of the point they belong to (Kaufman's, see `residual`); Gauss-Newton steps follow, each at the best of
-several dampings. Of more than 64 unknowns the Jacobian is
-evaluated once and then updated from step to step, until that leads no further.
+several dampings. Of more than 64 unknowns the Jacobian is evaluated once and then updated from step to step,
+until that leads no further.
 """
 
 from __future__ import annotations
@@ -100,6 +100,11 @@ class Descent:
         weighted, *rest, beside = (np.concatenate(side)[: len(x)] for side in zip(*parts, strict=True))
         return Rows(_residual(weighted, beside), *rest)
 
+    def squares(self, x: Matrix) -> Matrix:
+        """[n] sums of squares of the residuals at `x` [n, U], few of which are held at once."""
+        batches = (self.rows(x[first : first + _ROWS]).left for first in range(0, len(x), _ROWS))
+        return np.concatenate([np.sum(left**2, axis=1) for left in batches])
+
     def beside(self, x: Matrix, known: Rows, of: NDArray[np.integer]) -> Matrix:
         """[n, M + B] residuals at `x` [n, U], each close to one of the `known` rows, `of` [n] which."""
         problem, parts = self.padded, []
@@ -160,7 +165,7 @@ class Descent:
             scale = _scale(normal)
             steps.append([np.linalg.solve(normal + damping * scale, gradient) for damping in _GLANCE])
         tries = starts[:, None] - np.asarray(steps)
-        reached = np.sum(self.rows(tries.reshape(-1, starts.shape[1])).left ** 2, axis=1)
+        reached = self.squares(tries.reshape(-1, starts.shape[1]))
         return np.minimum(reached.reshape(len(starts), -1).min(axis=1), np.sum(here.left**2, axis=1))
 
     def descend(self, x: Matrix, steps: int) -> tuple[Matrix, float]:
