@@ -56,7 +56,7 @@ def residual_beside(
     problem: Problem, lines: Array, shared_bias_n: ArrayLike, phase_rad: Array, turning: Array
 ) -> Array:
     """[R, P, 3] weighted residual against lines [R, orders + 1, 3] close to some of which the phases [R] and
-    `turning` [R, P, 3] are known: to first order what `residual_of_lines` gives, at less of its cost."""
+    `turning` [R, P, 3] are known: to first order what `residual_of_lines` gives, for fewer products."""
     shared = jnp.broadcast_to(jnp.asarray(shared_bias_n, dtype=float), (3,))
     solve = partial(_held_trial, problem, shared)
     known = problem.whitened, problem.factor, problem.present, problem.weights, phase_rad, turning
