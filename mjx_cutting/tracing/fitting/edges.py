@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import pinvh
 
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
@@ -79,7 +80,7 @@ def _fitted(shapes: Array, left_n: Array) -> Array:
         columns = shapes[..., axis]
         columns = columns[np.any(columns != 0.0, axis=1)]
         gram = columns @ columns.T
-        weights = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ (columns @ left_n[:, axis])
+        weights = pinvh(gram, rtol=1e-9) @ (columns @ left_n[:, axis])
         found[:, axis] = weights @ columns
     return found
 

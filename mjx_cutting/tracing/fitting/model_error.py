@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import null_space
+from scipy.linalg import eigh, null_space, pinvh
 
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
@@ -80,18 +80,18 @@ def model_errors(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike)
 
 def _reach(gradient: Array, normal: Array) -> Array:
     """[...] sqrt(g^T C g) of quantities with `gradient` [..., U]."""
-    spread = np.linalg.pinv(normal, hermitian=True)
+    spread = pinvh(normal)
     return np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", gradient, spread, gradient), 0.0))
 
 
 def _spread(gradient: Array, normal: Array, ways: Array) -> Array:
     """[N, N] G C G^T of N quantities with `gradient` [N, U], moved along the columns of `ways` [U, K]."""
     along = gradient @ ways
-    return np.asarray(along @ np.linalg.pinv(ways.T @ normal @ ways, hermitian=True) @ along.T)
+    return np.asarray(along @ pinvh(ways.T @ normal @ ways) @ along.T)
 
 
 def _inverse_root(square: Array) -> Array:
     """[N, N] A^-1/2 of a symmetric positive semidefinite matrix; zero along directions that cannot move."""
-    values, vectors = np.linalg.eigh(square)
+    values, vectors = eigh(square)
     kept = values > 1e-12 * max(values[-1], 1e-300)
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])) @ vectors[:, kept].T)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.linalg import pinvh
 
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.naming.decision import TOLERANCE
@@ -131,8 +132,9 @@ class _Split(NamedTuple):
 def _split(prediction: Prediction, orders: int) -> _Split:
     left = prediction.residual_n - prediction.residual_n.mean(axis=0)
     columns = basis(prediction.angle_rad, orders)[:, 1:]
-    # two orders that aliasing puts at one frequency share the line there: what is between them is not told
-    weights = np.linalg.pinv(columns.T @ columns, rcond=_ALIKE, hermitian=True) @ columns.T @ left
+    # two orders that aliasing puts at one frequency share the line there: what is between them is not told;
+    # pinvh, since the divide and conquer behind numpy's may fail on a matrix that is all but a multiple of one
+    weights = pinvh(columns.T @ columns, rtol=_ALIKE) @ columns.T @ left
     return _Split(left, columns, weights, left - columns @ weights)
 
 
@@ -205,8 +207,8 @@ def _factor_along(
         columns = (columns - columns.mean(axis=0)).reshape(-1, _SLOW_TERMS)
         gram, toward = columns.T @ columns, columns.T @ rest.ravel()
         square, product = square + gram, product + toward
-        own += float(toward @ np.linalg.pinv(gram, rcond=_RIDGE, hermitian=True) @ toward)
-    return float(product @ np.linalg.pinv(square, rcond=_RIDGE, hermitian=True) @ product), own
+        own += float(toward @ pinvh(gram, rtol=_RIDGE) @ toward)
+    return float(product @ pinvh(square, rtol=_RIDGE) @ product), own
 
 
 def _memory(split: Sequence[_Split], band: float) -> Dependence:
