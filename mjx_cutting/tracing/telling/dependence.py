@@ -133,7 +133,7 @@ def _split(prediction: Prediction, orders: int) -> _Split:
     left = prediction.residual_n - prediction.residual_n.mean(axis=0)
     columns = basis(prediction.angle_rad, orders)[:, 1:]
     # two orders that aliasing puts at one frequency share the line there: what is between them is not told;
-    # pinvh, since the divide and conquer behind numpy's may fail on a matrix that is all but a multiple of one
+    # pinvh, since the divide and conquer behind numpy's may fail next to a multiple of the identity
     weights = pinvh(columns.T @ columns, rtol=_ALIKE) @ columns.T @ left
     return _Split(left, columns, weights, left - columns @ weights)
 
