@@ -29,7 +29,8 @@ def followed_orders(
         energy_n2: of the records, over all trials and axes.
         teeth: N.
     """
-    count = (present[:, 1::2] + present[:, 2::2])[..., None] * np.ones_like(noise_n2)[:, None]
+    # a channel without noise was not connected: it holds nothing that could hide a line
+    count = (present[:, 1::2] + present[:, 2::2])[..., None] * (noise_n2 > 0.0)[:, None]
     square = whitened[:, 1::2] ** 2 + whitened[:, 2::2] ** 2
     noise = np.maximum(noise_n2, np.finfo(float).tiny)[:, None]
     # in units of each trial's noise, since one that chatters hides nothing that the others show

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -55,6 +57,15 @@ def test_a_weak_line_at_a_high_harmonic_is_followed_with_those_of_its_kind_below
     apart = min(order % TEETH, -order % TEETH)
     alike = [n for n in range(25, order + 1) if min(n % TEETH, -n % TEETH) == apart]
     assert set(alike) <= set(followed)
+
+
+def test_a_dead_channel_hides_nothing():
+    """A weak line is heard alike whether the third axis, which shows least of it, is there or nil."""
+    made = _session({10: 30.0, 88: 0.08})
+    dead = tuple(replace(trial, force_n=trial.force_n * np.array([1.0, 1.0, 0.0])) for trial in made.trials)
+    with jax.enable_x64(True):
+        whole, part = (compress(each, BAND).followed for each in (made, replace(made, trials=dead)))
+    np.testing.assert_array_equal(whole, part)
 
 
 def test_what_is_not_followed_counts_as_noise_and_nothing_is_lost():
