@@ -16,7 +16,7 @@ from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.waves import courses
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
-from mjx_cutting.tracing.fitting.prediction import Prediction, grows, predictions
+from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.search import Search, search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -103,9 +103,6 @@ class Searches:
         before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
         bias = shared_bias(problem, found.final_fit.x)
         after = predictions(dataset, lines, problem, model, bias)
-        if grows(model):
-            still = predictions(dataset, lines, problem, model, bias, still=True)
-            found = replace(found, final=_with_growth(found.final, lines, still, after))
         return Pass(dataset, lines, found, (), base_model, model, before, after)
 
     def along(self, found: Pass, before: HeldOut, apart: bool = False, in_range: bool = True) -> Pass:
@@ -141,16 +138,3 @@ def for_use(dataset: Dataset, model: ForceModel) -> ForceModel:
     tool = Tool(shape.kind, shape.teeth, float(shape.diameter_m), float(shape.helix_rad))
     plain = jax.tree.map(np.asarray, (model.material, model.effects))
     return ForceModel(tool, *plain)
-
-
-def _with_growth(
-    heldout: HeldOut, lines: Lines, still: Sequence[Prediction], after: Sequence[Prediction]
-) -> HeldOut:
-    """The error on held-out trials with what a growing effect does within each, which no line holds."""
-    error = heldout.error_n2.copy()
-    change = [
-        np.sum(grown.residual_n**2 - mean.residual_n**2, axis=0)
-        for grown, mean in zip(after, still, strict=True)
-    ]
-    np.add.at(error, lines.owner, np.asarray(change))
-    return replace(heldout, error_n2=np.maximum(error, 0.0))

@@ -31,6 +31,7 @@ class Kind:
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
         rather: why an effect found is more likely something else, in words; "" where it is not.
         several: whether there may be more than one of it: a layer beside another, a harmonic of the mains.
+        shared: whether a shape may lie where few trials reach, so that only what several show is looked at.
         untold: parameters that stay at the value of no effect where the trials say nothing of them.
         refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
     """
@@ -42,6 +43,7 @@ class Kind:
     build: Callable[[Array, Array], AbstractEffect]
     own_phase: bool = False
     several: bool = False
+    shared: bool = False
     untold: tuple[str, ...] = ()
     rather: Callable[[Sequence[Course], AbstractEffect], str] | None = None
     refine: Callable[[Array, Array, float], Array] | None = None

@@ -171,12 +171,13 @@ def _less_same(square: Array, cross: Array, own: Array, apart: bool) -> tuple[Ar
     return square, cross[..., -1] - np.einsum("aq,pqk->pak", own[..., -1], share[:, 0])
 
 
-def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:
+def solve(found: Sums, use: Array, weight: Array, shared: bool = False) -> tuple[int, Array, Array]:
     """Best shape, its coefficients [k], and the fall [P] of the weighted squared error at every shape.
 
     Arguments:
         use: [R] 1 for trials fitted to.
         weight: [3] 1 / standard deviation of each axis.
+        shared: whether that one is best which explains most in all trials but the one that it does most in.
     """
     square = np.einsum("rpakl,r,a->pkl", found.square, use, weight**2)
     product = np.einsum("rpak,r,a->pk", found.product, use, weight**2)
@@ -184,8 +185,17 @@ def solve(found: Sums, use: Array, weight: Array) -> tuple[int, Array, Array]:
     ridge = (1e-9 * trace + 1e-30) * np.eye(square.shape[-1])
     coefficients = np.linalg.solve(square + ridge, product[..., None])[..., 0]
     fall = np.einsum("pk,pk->p", coefficients, product)
-    best = int(np.argmax(fall))
+    alone = _most_in_one(found, use, weight, coefficients) if shared else 0.0
+    best = int(np.argmax(fall - alone))
     return best, coefficients[best], fall
+
+
+def _most_in_one(found: Sums, use: Array, weight: Array, coefficients: Array) -> Array:
+    """[P] fall of the weighted squared error in the trial in which each shape explains most, at its
+    `coefficients` [P, k]."""
+    square = np.einsum("rpakl,pk,pl,a->rp", found.square, coefficients, coefficients, weight**2)
+    product = np.einsum("rpak,pk,a->rp", found.product, coefficients, weight**2)
+    return np.asarray(np.max((2.0 * product - square) * use[:, None], axis=0))
 
 
 def error_change(found: Sums, shape: int, coefficients: Array) -> Array:

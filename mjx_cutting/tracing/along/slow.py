@@ -241,7 +241,7 @@ def _try(
     for zoom in _ZOOMS:
         if kind.refine is None:
             break
-        near = kind.refine(grid, shapes[solve(found, everyone, weight)[0]], zoom)
+        near = kind.refine(grid, shapes[solve(found, everyone, weight, kind.shared)[0]], zoom)
         close = kind.sums_of(trials, near)
         shapes = np.concatenate([shapes, near])
         found = Sums(
@@ -316,7 +316,7 @@ class _Fits:
         """Best shape and its coefficients [k], with those of the others behind them, over the trials used."""
         if self.kind.own_phase:
             return solve_in_phase(self.found, use, self.weight)
-        best, c, _ = solve(self.found, use, self.weight)
+        best, c, _ = solve(self.found, use, self.weight, self.kind.shared)
         return best, solve(self._at(best)[0], use, self.weight)[1] if self.beside else c
 
     def error_change(self, shape: int, c: Array) -> Array:

@@ -171,6 +171,7 @@ KINDS: tuple[Kind, ...] = (
         _layer,
         _layer_effect,
         several=True,
+        shared=True,
         rather=_layer_at_the_end,
         refine=_layers_near,
         sums=_layer_sums,

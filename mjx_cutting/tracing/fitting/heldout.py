@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
+from mjx_cutting.tracing.fitting.growth import growth_n2
+from mjx_cutting.tracing.fitting.prediction import grows
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.lines import Lines, whole_file
 from mjx_cutting.trials.dataset import Dataset
@@ -87,7 +89,10 @@ def held_out(
     use = (fold[owner] != np.arange(fold.max() + 1)[:, None]).astype(float)
     descent = Descent(problem, effects)
     fits = descent.fits(descent.descend_folds(np.asarray(x), use, _STEPS), use)
-    error = np.asarray(fits.error_n2)[fold[owner], np.arange(problem.trials)] + lines.rest_n2
+    own = fold[owner]
+    error = np.asarray(fits.error_n2)[own, np.arange(problem.trials)] + lines.rest_n2
+    if grows(effects):
+        error = np.maximum(error + growth_n2(problem, lines, fits, own), 0.0)
     return HeldOut(_summed(error, owner), _summed(lines.energy_n2, owner), fits, fold)
 
 

@@ -9,7 +9,7 @@ cut), so do the lines.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import Cut, ForceModel
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
 from mjx_cutting.tracing.fitting.moving import MovingLines, wave
 from mjx_cutting.tracing.fitting.problem import Problem, by_position, model_lines, pose
@@ -33,7 +33,7 @@ from mjx_cutting.tracing.records.spindle import spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 _KNOTS = 65
-_FEW_KNOTS = 3
+FEW_KNOTS = 3
 Array = NDArray[np.floating]
 
 
@@ -100,17 +100,15 @@ def predictions(
     problem: Problem,
     model: ForceModel,
     shared_bias_n: ArrayLike = 0.0,
-    still: bool = False,
     only: Collection[int] | None = None,
     turn_rad: ArrayLike = 0.0,
 ) -> tuple[Prediction, ...]:
     """The same from parts already made (call it in float64); the speeds are those of `lines`, but where lines
-    move along the path. `still`: with one set of lines for a whole trial, as a fit has it; `only`: places of
-    the trials that matter, whose angle is found again under moving lines; default all; `turn_rad` [R]: by how
-    much further than fitted the tool of each trial is turned."""
+    move along the path. `only`: places of the trials that matter, whose angle is found again under moving
+    lines; default all; `turn_rad` [R]: by how much further than fitted the tool of each trial is turned."""
     model, _ = _at_loaded_speed(model)
-    knots = 0 if still else _KNOTS if by_position(model) else _FEW_KNOTS if grows(model) else 0
-    places = _along_the_path(problem, model, knots) if knots else None
+    knots = _KNOTS if by_position(model) else FEW_KNOTS if grows(model.effects) else 0
+    places = along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
     phases, biases = np.asarray(left.phase_rad) + turn_rad, np.array(left.bias_n)
@@ -173,13 +171,13 @@ def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None
     return ForceModel(model.tool, model.material, rest), droop
 
 
-def grows(model: ForceModel) -> bool:
-    """Whether an effect grows with the length cut, in a trial as well."""
-    return any("cut length" in effect.needs for effect in model.effects)
+def grows(effects: Iterable[AbstractEffect | type[AbstractEffect]]) -> bool:
+    """Whether one of the effects grows with the length cut, in a trial as well."""
+    return any("cut length" in effect.needs for effect in effects)
 
 
 @partial(jax.jit, static_argnums=2)
-def _along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array:
+def along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array:
     """[R, K, orders + 1, 3] lines at even steps along the path of every trial, N."""
 
     def at(share: jax.Array) -> jax.Array:

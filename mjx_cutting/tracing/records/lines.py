@@ -58,6 +58,7 @@ class Lines:
         orders: highest order.
         band_hz: (low, high) band in which everything is measured.
         followed: [orders + 1] True for the orders that are followed; the others hold noise alone.
+        dataset: whose cut trials these are the lines of.
     """
 
     files: tuple[str, ...]
@@ -71,6 +72,7 @@ class Lines:
     orders: int
     band_hz: tuple[float, float]
     followed: NDArray[np.bool_]
+    dataset: Dataset
 
     @property
     def trials(self) -> int:
@@ -206,6 +208,7 @@ def _read(
         orders=len(followed) - 1,
         band_hz=band_hz,
         followed=followed,
+        dataset=dataset,
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -10,7 +12,8 @@ from benchmarks.study import make
 from mjx_cutting.tracing import predict_trials, trace
 from mjx_cutting.tracing.along.droop import CHANCE, _law
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
-from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
+from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
 STATED = np.array([40.0, 40.0, 52.0, 52.0, 66.0, 66.0, 40.0, 52.0])
 TORQUE = np.array([1.0, 3.0, 1.2, 2.5, 0.9, 2.0, 4.5, 4.0])
@@ -53,6 +56,28 @@ def test_a_strong_vibration_is_not_taken_for_a_spindle_that_gives_way():
     with jax.enable_x64(True):
         speeds = lines_as_it_turned(case.dataset, (0.0, 700.0)).speed_rev_s
     np.testing.assert_allclose(speeds, stated, rtol=0.0101)
+
+
+def test_a_slow_spindle_is_believed_where_only_runout_shows_its_turns():
+    """Tooth passing lies beyond the band, so the base model is told nothing by any speed."""
+    stated = np.array([20.0, 16.0, 20.0, 20.0, 20.0, 20.0, 16.0, 16.0])
+    chip = np.array([9e-6, 9e-6, 3e-6, 20e-6, 9e-6, 9e-6, 14e-6, 14e-6])
+    depth = np.array([1.0, 1.0, 1.0, 1.0, 0.4, 2.0, 2.0, 2.0]) * 1e-3
+    feed = 32 * stated * chip
+    load = feed * depth
+    loss = 0.09 * load / load.max() * stated.max() / stated
+    turned = (1.0 - loss) * stated
+    assert loss.max() > 0.08 and loss.min() > 0.005
+    cuts = [Conditions(*each, 0.0012, "conventional") for each in zip(turned, feed, depth, strict=True)]
+    sheet = Sheet((2.3e8, 1.1e8, 4e7), (8e3, 7e3, 2e3))
+    sensor = Sensor(1000.0, (0.05,) * 3, anti_alias=AntiAlias(order=4, hz=250.0))
+    tool, hidden = ToolInfo("slitting_saw", 32, 0.063), Hidden(runout_m=2e-6)
+    made = make_trials(tool, sheet, cuts, sensor, hidden=hidden, duration_s=3.0, speed_error=0.0, seed=1)
+    known = zip(made.trials, stated.tolist(), strict=True)
+    dataset = replace(made, trials=tuple(replace(one, spindle_speed_rev_s=f) for one, f in known))
+    with jax.enable_x64(True):
+        speeds = lines_as_it_turned(dataset, (0.0, 250.0)).speed_rev_s
+    np.testing.assert_allclose(speeds, turned, rtol=5e-3)
 
 
 @pytest.mark.slow

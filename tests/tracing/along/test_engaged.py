@@ -84,6 +84,22 @@ def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whol
     assert str(found).endswith("so they are left out")
 
 
+def test_two_turns_of_air_are_air(saw):
+    """Of a spindle that turns slowly, two turns are a good part of a record."""
+    made, trials, times = saw(), [], {}
+    for trial in made.trials:
+        air_s = 2.0 / trial.spindle_speed_rev_s
+        first, last = air_s, trial.time_s[-1] - air_s
+        cutting = (trial.time_s >= first) & (trial.time_s <= last)
+        trials.append(replace(trial, force_n=np.where(cutting[:, None], trial.force_n, 0.5)))
+        times[trial.file] = first, last
+    found = engaged(replace(made, trials=tuple(trials)))
+    assert found is not None and set(found.spans_s) == set(times)
+    for file, (low, high) in found.spans_s.items():
+        first, last = times[file]
+        assert first <= low < first + 0.15 and last - 0.15 < high <= last
+
+
 def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
     assert engaged(mill()) is None and engaged(saw()) is None
 

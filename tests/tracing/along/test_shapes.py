@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.along.shapes import sums
+from mjx_cutting.tracing.along.shapes import solve, sums
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.records.course import Course
 
@@ -41,6 +41,25 @@ def test_fast_sums_are_those_of_the_samples(kind, apart):
     exact, fast = sums(kind.columns, trials, few), kind.sums_of(trials, few)
     for left, right in ((exact.square, fast.square), (exact.product, fast.product)):
         np.testing.assert_allclose(right, left, atol=1e-5 * np.abs(left).max())
+
+
+def test_a_layer_that_one_trial_alone_reaches_hides_none_that_several_show():
+    """It explains more, but nothing that could be held out."""
+    layers = next(each for each in KINDS if each.name == "layered_material")
+    assert layers.shared
+    trials = []
+    for samples, feed in ((3000, 0.002), (3000, 0.0022), (3000, 0.0024), (6000, 0.003)):
+        one = course(samples, feed)
+        place = one.position_m
+        share = 0.06 * ((place > 0.004) & (place < 0.008)) + 0.3 * ((place > 0.015) & (place < 0.017))
+        noise = np.random.default_rng(samples).normal(size=(samples, 3))
+        trials.append(replace(one, left_n=share[:, None] * one.force(1.0) + noise))
+    shapes = np.array([[0.004, 0.004], [0.015, 0.002]])
+    found, use, weight = layers.sums_of(trials, shapes), np.ones(4), np.ones(3)
+    most, _, fall = solve(found, use, weight)
+    best, c, _ = solve(found, use, weight, shared=True)
+    assert most == 1 and fall[1] > 1.5 * fall[0]
+    assert best == 0 and abs(c[0] - 0.06) < 0.02
 
 
 def test_shapes_of_either_edge_share_keep_their_order():
