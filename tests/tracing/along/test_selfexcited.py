@@ -86,6 +86,15 @@ def test_noise_and_a_few_trials_are_given_no_name():
     assert find_vibration(*_session(two)) is None
 
 
+def test_two_trials_are_enough_where_others_at_that_speed_are_quiet():
+    """A narrow chip or a larger feed is below the threshold; a gear shakes them all."""
+    two = lambda time, speed, trial: 4.0 * _chatter(time, speed, trial) * (trial > 3)  # noqa: E731
+    found = find_vibration(*_session(two, speeds=(40.0, 40.3, 66.1, 66.2, 66.0, 66.3)))
+    assert found is not None and found.round.accepted is not None
+    assert "2 of 6" in found.evidence[0]
+    assert find_vibration(*_session(two)) is None
+
+
 def test_a_line_that_stays_at_one_frequency_whatever_the_speed_is_not_self_excited():
     def hum(time, speed, trial):
         gain = 1.0 + 0.5 * np.cos(2 * np.pi * TEETH * speed * time)
