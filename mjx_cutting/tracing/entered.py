@@ -1,16 +1,17 @@
-"""Entry into a sheet that begins at one place, seen where records have too much air for a model of the whole.
+"""Entry and exit, seen where records have too much air for a model of the whole.
 
 Records that hold more air than cut tell a steady model nothing, and no effect is found beside such a one.
-Traced where the tool is in the cut (`along/engaged`), they may still all show the sheet to begin at one
-place, met by the rim or by the axis: then entry is as repeatable as any effect, and the force missing along
-the ramps is held against the geometry. Where each record has a place of its own (sheets clamped anew, a
-recorder started by hand), that is how it was recorded and no effect. Where the tool leaves is taken as each
-record has it.
+Traced where the tool is in the cut (`along/engaged`), the force missing along the ramps is held against the
+geometry. They may all show the sheet to begin at one place, met by the rim or by the axis; where the tool
+leaves is then taken as each record has it. Where each record has a place of its own (sheets clamped anew, a
+recorder started by hand), that is found on it, as its phase is, and what is repeatable is the way in and out:
+positions then count from the first touch. A tool that is lowered into the sheet is all in at once: the
+geometry must leave less than half of what that leaves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +31,12 @@ _CLOSER = (1.0, 0.1, 0.01)
 _FEWEST = 3
 _RAMP_LEFT = 0.05
 _AT_ONE_PLACE = 0.1
+_OF_AT_ONCE = 0.5
 Array = NDArray[np.floating]
 
 
 def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Dataset], Pass]) -> Pass:
-    """The pass `inside` the cut, with entry named where the whole records have it at one place.
+    """The pass `inside` the cut, with entry and exit named where the whole records have them by geometry.
 
     Arguments:
         whole: what was found on the whole records; `inside` on the trials cut down, `part`.
@@ -47,10 +49,13 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
     ends = np.array([_ends(each, *own, weight) for each, own in zip(outside, touched, strict=True)])
     reach = np.array([each.reach_m for each in outside])
     found = _one_place(ends[:, 0], reach)
-    if found is None:
+    if found is not None:
+        start, by_axis = found
+        ends[:, 0] = start.value - by_axis * reach
+    elif _by_geometry(outside, ends, touched, weight):
+        start, by_axis = Interval(0.0, 0.0, 0.0, "m"), 0.0
+    else:
         return inside
-    start, by_axis = found
-    ends[:, 0] = start.value - by_axis * reach
     full_m = dict(zip(files, (ends[:, 0] + reach).tolist(), strict=True))
     full = _fully_in(inside.dataset, full_m, _RAMP_LEFT * float(reach.min()))
     if full is not None:
@@ -68,11 +73,34 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
     named = told.round(effect, parameters, inside.after, tried + 1)
     if named.accepted is None:
         return inside
-    sentence = "everything else was traced where the tool is fully in the sheet, which "
-    sentence += f"{met(start.value, by_axis)} in every trial"
+    if found is None:
+        sentence = (
+            "everything else was traced where the tool is fully in the sheet; where that begins and ends "
+        )
+        sentence += "is each record's own and was found on it, so that positions count from the first touch"
+    else:
+        sentence = "everything else was traced where the tool is fully in the sheet, which "
+        sentence += f"{met(start.value, by_axis)} in every trial"
     place = [trial.file for trial in whole.dataset.trials if trial.kind == "cut"]
     base_n2 = whole.search.base.error_n2[[place.index(file) for file in files]]
     return with_ends(inside, named, told, sentence, base_n2)
+
+
+def _by_geometry(
+    outside: Sequence[Outside], ends: Array, touched: Sequence[tuple[float, float]], weight: Array
+) -> bool:
+    """Whether most records show the tool come in or go out, and do so by the geometry of these `ends` [R, 2]
+    rather than at once."""
+    shown = np.isfinite(ends).any(axis=1)
+    if shown.sum() < max(_FEWEST, len(outside) / 2):
+        return False
+    left = np.zeros(2)
+    for record, own, near in zip(outside, ends, touched, strict=True):
+        left += (
+            left_of([record], np.append(own, 0.0), weight),
+            left_of([record], np.append(_ends(record, *near, weight, at_once=True), 0.0), weight, True),
+        )
+    return bool(left[0] < _OF_AT_ONCE * left[1])
 
 
 def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> Dataset | None:
@@ -90,7 +118,9 @@ def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> D
     return None if sum(trial.kind == "cut" for trial in rest.trials) < _FEWEST else rest
 
 
-def _ends(record: Outside, first_m: float, last_m: float, weight: Array) -> tuple[float, float]:
+def _ends(
+    record: Outside, first_m: float, last_m: float, weight: Array, at_once: bool = False
+) -> tuple[float, float]:
     """Where the rim meets the sheet's begin and end in one record, m, near where its force does; infinite at
     an end that the record does not reach."""
     found = np.array([first_m, last_m, 0.0])
@@ -100,7 +130,7 @@ def _ends(record: Outside, first_m: float, last_m: float, weight: Array) -> tupl
             if np.isfinite(found[side]):
                 tried = np.tile(found, (_STEPS, 1))
                 tried[:, side] += closer * record.reach_m * np.linspace(low, high, _STEPS)
-                found = min(tried, key=lambda own: left_of([record], own, weight))
+                found = min(tried, key=lambda own: left_of([record], own, weight, at_once))
     return float(found[0]), float(found[1])
 
 

@@ -46,9 +46,10 @@ class Outside:
         """Way from the first touch until the tool is fully engaged, m."""
         return float(self.ramps.reach_m[self.course.index])
 
-    def missing(self, ends: Array) -> Array:
-        """[T, 3] what the force lacks there for a sheet with these ends, N."""
-        return self.ramps.missing(self.course, *(float(each) for each in ends)) * self.where[:, None]
+    def missing(self, ends: Array, at_once: bool = False) -> Array:
+        """[T, 3] what the force lacks there for a sheet with these ends, N; `at_once`: see `Ramps.missing`."""
+        start, end, by_axis = (float(each) for each in ends)
+        return self.ramps.missing(self.course, start, end, by_axis, at_once) * self.where[:, None]
 
 
 def outside_the_cut(dataset: Dataset, inside: Pass) -> list[Outside]:
@@ -88,9 +89,10 @@ def outside_the_cut(dataset: Dataset, inside: Pass) -> list[Outside]:
     return found
 
 
-def left_of(outside: Sequence[Outside], ends: Array, weight: Array) -> float:
+def left_of(outside: Sequence[Outside], ends: Array, weight: Array, at_once: bool = False) -> float:
     """Weighted squared error that is left there for a sheet with these ends."""
-    return sum(float(np.sum(((o.course.left_n - o.missing(ends)) * weight) ** 2)) for o in outside)
+    left = (each.course.left_n - each.missing(ends, at_once) for each in outside)
+    return sum(float(np.sum((each * weight) ** 2)) for each in left)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Records with more air than cut: entry is named where the sheet begins at one place, and told where not."""
+"""Records with more air than cut: entry is named where the tool goes in by geometry, wherever that is."""
 
 from __future__ import annotations
 
@@ -32,12 +32,29 @@ def _after_long_air(dataset: Dataset, located: bool) -> Dataset:
 @pytest.mark.slow
 @pytest.mark.parametrize("located", [True, False])
 def test_entry_behind_long_air(located, names_the_edge):
+    """Without positions every record has a place of its own, and positions count from the first touch."""
     case = make("mill", {"entry_exit": "medium"}, 45)
     found = trace(_after_long_air(case.dataset, located), effects=("radial_runout", "entry_exit")).verdict
-    if not located:
-        assert found["effects"] == [] and "enters or leaves the sheet" in found["remaining"]["description"]
-        return
-    names_the_edge(found, case.truth["effects"]["entry_exit"]["start_m"])
+    if located:
+        return names_the_edge(found, case.truth["effects"]["entry_exit"]["start_m"])
+    (named,) = found["effects"]
+    assert named["name"] == "entry_exit" and named["parameters"]["start_m"]["value"] == 0.0
+    assert named["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.05)
+    assert any("each record's own" in sentence for sentence in named["evidence"])
+    assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
+
+
+@pytest.mark.slow
+def test_a_tool_that_is_lowered_into_the_sheet_is_no_entry(saw):
+    """Within tenths of a second, where geometry takes seconds."""
+    made, trials, generator = saw(), [], np.random.default_rng(4)
+    for trial in made.trials:
+        first, last = generator.uniform(0.5, 0.8), trial.time_s[-1] - generator.uniform(0.4, 0.6)
+        inside = np.clip(np.minimum(trial.time_s - first, last - trial.time_s) / 0.12, 0.0, 1.0)
+        force = trial.force_n * inside[:, None] + 0.1 * generator.normal(size=trial.force_n.shape)
+        trials.append(replace(trial, force_n=force))
+    found = trace(replace(made, trials=tuple(trials)), effects=("radial_runout", "entry_exit")).verdict
+    assert found["effects"] == [] and "enters or leaves the sheet" in found["remaining"]["description"]
 
 
 def test_one_place_is_the_rims_or_the_axis():

@@ -33,6 +33,7 @@ _MISSING = 0.02
 _ERRORS = 4.0
 _LIKE_GEOMETRY = (0.4, 3.0)
 _REACHES_APART = 1.05
+_AT_ONCE = 1e-3
 Array = NDArray[np.floating]
 
 
@@ -157,12 +158,16 @@ class Ramps:
         """[orders + 1, 3] lines of a trial fully in the sheet."""
         return self.entering[trial, -1]
 
-    def missing(self, course: Course, start_m: float, end_m: float, by_axis: float = 0.0) -> Array:
-        """[T, 3] what the force lacks, N: minus the whole of it outside the sheet."""
+    def missing(
+        self, course: Course, start_m: float, end_m: float, by_axis: float = 0.0, at_once: bool = False
+    ) -> Array:
+        """[T, 3] what the force lacks, N: minus the whole of it outside the sheet. `at_once`: of a tool that
+        is all in or all out, as one that is lowered into the sheet."""
         reach, table = self.reach_m[course.index], self.entering[course.index]
         added = np.zeros_like(course.left_n)
         rim_m = course.position_m + by_axis * reach
-        way_in, way_out = (rim_m - start_m) / reach, (rim_m - end_m) / reach
+        way = reach * (_AT_ONCE if at_once else 1.0)
+        way_in, way_out = (rim_m - start_m) / way, (rim_m - end_m) / way
         # a tooth has left the sheet where it would already have been in one that begins there
         in_ramp, out_ramp = np.isfinite(way_in) & (way_in < 1.0), way_out > 0.0
         for part, way, ramp in ((table - table[-1], way_in, in_ramp), (-table, way_out, out_ramp)):
