@@ -47,7 +47,7 @@ class Outside:
         return float(self.ramps.reach_m[self.course.index])
 
     def missing(self, ends: Array, at_once: bool = False) -> Array:
-        """[T, 3] what the force lacks there for a sheet with these ends, N; `at_once`: see `Ramps.missing`."""
+        """[T, 3] what the force lacks there for a sheet with these ends, N; `at_once`: see `Ramps`."""
         start, end, by_axis = (float(each) for each in ends)
         return self.ramps.missing(self.course, start, end, by_axis, at_once) * self.where[:, None]
 

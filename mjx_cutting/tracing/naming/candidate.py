@@ -48,12 +48,14 @@ class Round:
         screened: every candidate after its short fit, the most telling first.
         candidates: those fitted fully, in order of held-out error.
         accepted: the one accepted, if any.
+        again: the round held once more beside what was accepted later, the best alternatives alone.
     """
 
     before: HeldOut
     screened: tuple[Screened, ...]
     candidates: tuple[Candidate, ...]
     accepted: Candidate | None
+    again: Round | None = None
 
     @property
     def runner_up(self) -> Candidate | None:

@@ -3,8 +3,10 @@
 Forward search may name first what does part of two effects' work (a broken tooth for runout and pitch
 together) and then add the one that is left. So every effect but the last is taken out again: it must pass the
 same tests beside the others, against the best alternatives of its own round. Where an alternative passes and
-is better beyond two standard errors, it takes the place; where nothing passes, the place stays empty. Wear
-that was even while something else was missing may show its stages now (`wear_stages`).
+is better beyond two standard errors, it takes the place; where nothing passes, the place stays empty. Where
+it keeps the place, the round is kept as it ends now too: what else is missing scatters over the trials, and
+beside it two explanations look alike that are not. Wear that was even while something else was missing may
+show its stages now (`wear_stages`).
 """
 
 from __future__ import annotations
@@ -43,8 +45,9 @@ def reconsider(
     x: ArrayLike,
     rounds: Sequence[Round],
     fold: NDArray[np.int64],
-) -> Change | None:
-    """The first change that the trials ask for; None where every effect keeps its place.
+) -> tuple[Change | None, list[Round]]:
+    """The first change that the trials ask for, None where every effect keeps its place; and the rounds,
+    those that were held again with their outcome (`Round.again`).
 
     Arguments:
         problem, lines: the trials.
@@ -52,6 +55,7 @@ def reconsider(
         rounds: of the search, in the order of `effects`, perhaps with one at the end that accepted nothing.
         fold: [R] fold of each trial.
     """
+    held = list(rounds)
     here = np.asarray(x)
     sizes = [kind.size(problem.tool) for kind in effects]
     edges = len(here) - sum(sizes) + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
@@ -69,17 +73,18 @@ def reconsider(
         ]
         tried[0] = in_stages(tried[0], contest, (*rest, kind), alone, before)
         best = _best(tried)
-        if best is not None and best.kind is kind:
-            continue
         ordered = tuple(sorted(tried, key=lambda each: each.heldout.nrmse))
-        after = replace(rounds[place], before=before, candidates=ordered, accepted=best)
+        after = replace(rounds[place], before=before, candidates=ordered, accepted=best, again=None)
+        if best is not None and best.kind is kind:
+            held[place] = replace(rounds[place], again=after)
+            continue
         if best is None:
-            return Change(place, rest, np.asarray(alone.x), after)
+            return Change(place, rest, np.asarray(alone.x), after), held
         own = _coordinates(best, problem)
         found = np.asarray(best.fit.x)[: -len(own)]
         changed = (*effects[:index], best.kind, *effects[index + 1 :])
-        return Change(place, changed, np.insert(found, low, own), after)
-    return None
+        return Change(place, changed, np.insert(found, low, own), after), held
+    return None, held
 
 
 def _best(tried: Sequence[Candidate]) -> Candidate | None:

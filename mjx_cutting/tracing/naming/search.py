@@ -111,7 +111,7 @@ def search(
         current, heldout = fitted(problem, lines, effects, np.asarray(last.fit.x), fold)
     for _ in effects[1:]:
         progress("second thoughts about " + ", ".join(kind.name for kind in effects[:-1]))
-        change = reconsider(problem, lines, effects, current.x, rounds, fold)
+        change, rounds = reconsider(problem, lines, effects, current.x, rounds, fold)
         if change is None:
             break
         effects = change.effects

@@ -256,7 +256,9 @@ def _tie(
     each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
 ) -> dict[str, Any] | None:
     """The accepted effect and another, not `named` itself, that explains the same part of the force not worse
-    beyond two standard errors and passed every test, or all but that which would tell the two apart."""
+    beyond two standard errors and passed every test, or all but that which would tell the two apart; beside
+    all that was found, where they were tried so."""
+    each = each.again or each
     assert each.accepted is not None
     best = each.accepted.heldout
     for other in each.candidates:

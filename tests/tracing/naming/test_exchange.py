@@ -50,11 +50,11 @@ def after(session, first, others, last):
     start = effect_starts(problem, last, found[0].fit.x)[-1]
     both, _ = fitted(problem, lines, (first, last), start, fold)
     two = Round(found[0].heldout, (), (), found[0])
-    return reconsider(problem, lines, (first, last), both.x, (one, two), fold), both
+    return *reconsider(problem, lines, (first, last), both.x, (one, two), fold), both
 
 
 def test_an_effect_that_others_made_needless_is_taken_out(session):
-    change, _ = after(session, SIZE, (), RUNOUT)
+    change, *_ = after(session, SIZE, (), RUNOUT)
     assert change is not None and change.place == 0
     assert change.round.accepted is None and change.effects == (RUNOUT,)
     problem, lines, fold, _ = session
@@ -63,7 +63,7 @@ def test_an_effect_that_others_made_needless_is_taken_out(session):
 
 
 def test_a_better_alternative_takes_the_place(session):
-    change, before = after(session, PITCH, (RUNOUT,), SIZE)
+    change, _, before = after(session, PITCH, (RUNOUT,), SIZE)
     assert change is not None and change.effects == (RUNOUT, SIZE)
     assert change.round.accepted is not None and change.round.accepted.kind is RUNOUT
     problem, lines, fold, _ = session
@@ -72,5 +72,10 @@ def test_a_better_alternative_takes_the_place(session):
 
 
 def test_what_earns_its_place_keeps_it(session):
-    change, _ = after(session, RUNOUT, (PITCH,), SIZE)
+    change, rounds, _ = after(session, RUNOUT, (PITCH,), SIZE)
     assert change is None
+    # it was held against its alternative beside what came later
+    again = rounds[0].again
+    assert again is not None and again.accepted is not None and again.accepted.kind is RUNOUT
+    assert {each.kind for each in again.candidates} == {RUNOUT, PITCH}
+    assert all(len(each.fit.model.effects) == 2 for each in again.candidates)
