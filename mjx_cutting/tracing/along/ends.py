@@ -43,7 +43,8 @@ def entry_exit(lines: Lines, problem: Problem, model: ForceModel) -> Kind:
     ramps = Ramps(lines, problem, model)
 
     def columns(course: Course, shape: Array) -> Array:
-        return ramps.missing(course, *(float(each) for each in shape))[..., None]
+        start, end, by_axis = (float(each) for each in shape)
+        return ramps.missing(course, start, end, by_axis)[..., None]
 
     def grid(courses: Sequence[Course]) -> Array:
         (low, high), found = _ends(courses), []
