@@ -76,7 +76,7 @@ def verdict(
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     end = final(found, slow)
-    left = [each for each in after if each.found and not _of_the_trial(each)]
+    left = _left(after, end.nrmse, least)
     return {
         "format": FORMAT,
         "verdict": _word(
@@ -183,6 +183,13 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least:
     shown = [each for each in before if each.found and not (_of_the_trial(each) or _colour(each, least))]
     follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
     return error > clearly * least or (error > least and bool(shown)) or follows
+
+
+def _left(after: Sequence[Dependence], error: float, least: float) -> list[Dependence]:
+    """What the residual of the final model depends on; where its `error` is no more than noise leaves, the
+    noise's own colour does not count."""
+    found = (each for each in after if each.found and not _of_the_trial(each))
+    return [each for each in found if error > least or not _colour(each, least)]
 
 
 def _of_the_trial(each: Dependence) -> bool:

@@ -28,6 +28,13 @@ def test_noise_that_remembers_is_nothing_missing(of_force, missing):
     assert told._shown([feed], *_session(0.04), least=0.015) is True
 
 
+def test_the_colour_of_noise_is_nothing_left_of_a_model_that_leaves_no_more():
+    memory = Dependence("previous force", 1e-9, 0.27, 0.006, "memory")
+    feed = Dependence("feed", 1e-9, 0.12, 0.006, "edge law")
+    assert told._left([memory, feed], error=0.010, least=0.011) == [feed]
+    assert told._left([memory, feed], error=0.020, least=0.011) == [memory, feed]
+
+
 def _heldout(*by_trial: tuple[float, float, float]) -> HeldOut:
     return HeldOut(np.array(by_trial), np.full((len(by_trial), 3), 10.0), None, np.arange(len(by_trial)))
 
@@ -46,9 +53,13 @@ def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
     best = _candidate(RobotMode, _heldout(*[(0.1, 1.0, 1.0)] * 4))
     other = _candidate(ClampMode, _heldout(*rival))
     before = _heldout(*[(1.0, 1.0, 1.0)] * 4)
-    each = SimpleNamespace(accepted=best, candidates=(best, other), before=before)
+    each = SimpleNamespace(accepted=best, candidates=(best, other), before=before, again=None)
     found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None))
     assert (found is not None) is tied
     if tied:
         assert found["names"] == ["robot_mode", "clamp_mode"]
         assert found["cosine"] == pytest.approx(1.0)
+        # beside what was found later the other explains nothing of it
+        later = SimpleNamespace(**vars(each) | {"candidates": (best, _candidate(ClampMode, before))})
+        each.again = later
+        assert told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None)) is None
