@@ -1,8 +1,8 @@
 """Sheets of several materials in one session: a force model has the constants of one.
 
 Trials whose records name other materials than most do are left out, by name, where one set of constants
-makes their force too large or too small. Labels that tell sheets of the same stuff apart, of which the forces
-differ by less than a tenth, leave nothing out.
+makes their force too large or too small, or leaves twice as much of one material's as constants of its own.
+Labels that tell sheets of the same stuff apart, of which the forces differ by less, leave nothing out.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjx_cutting.tracing.fitting.fit import fit_base
-from mjx_cutting.tracing.fitting.prediction import predictions
+from mjx_cutting.tracing.fitting.prediction import Prediction, energy, predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.tracing.records.lines import compress
@@ -22,6 +22,7 @@ from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
 _FEWEST = 4
 _UNLIKE = 0.1
+_BY_ITSELF = 0.5
 
 
 def of_one_material(dataset: Dataset, band_hz: tuple[float, float], asked: str | None = None) -> Dataset:
@@ -45,7 +46,7 @@ def of_one_material(dataset: Dataset, band_hz: tuple[float, float], asked: str |
         return dataset
     name = often.most_common(1)[0][0] if asked is None else asked
     alone = replace(dataset, trials=tuple(each for each in dataset.trials if _may_stay(each, name)))
-    if asked is None and (often[name] < _FEWEST or not _unlike(dataset, name, band_hz)):
+    if asked is None and (often[name] < _FEWEST or not _unlike(dataset, alone, name, band_hz)):
         return dataset
     kept = {trial.file for trial in alone.trials}
     others = tuple(
@@ -64,14 +65,25 @@ def _may_stay(trial: Trial, name: str) -> bool:
     return trial.kind != "cut" or trial.material == name
 
 
-def _unlike(dataset: Dataset, name: str, band_hz: tuple[float, float]) -> bool:
+def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, float]) -> bool:
     """Whether one set of constants for all trials asks the force of another material for a factor clearly
-    other than that of `name`, whatever else is missing in both."""
+    other than that of `name`, whatever else is missing in both; or leaves twice as much of that of `name` as
+    one for its trials `alone`."""
+    told = _by_one_set(dataset, band_hz)
+    factor = 1.0 + own_factors(told).factor
+    material = np.array([trial.material or "" for trial in dataset.trials if trial.kind == "cut"])
+    usual = {each: float(np.median(factor[material == each])) for each in np.unique(material)}
+    if any(abs(each / usual[name] - 1.0) > _UNLIKE for each in usual.values()):
+        return True
+    files = {trial.file for trial in alone.trials}
+    with_others = energy([each.residual_n for each in told if each.file in files])
+    by_itself = energy([each.residual_n for each in _by_one_set(alone, band_hz)])
+    return by_itself < _BY_ITSELF**2 * with_others
+
+
+def _by_one_set(dataset: Dataset, band_hz: tuple[float, float]) -> tuple[Prediction, ...]:
+    """The trials by the base model with one set of constants."""
     trials = as_levels(dataset)
     lines = compress(trials, band_hz)
     problem, base = fit_base(pose(trials, lines))
-    told = predictions(trials, lines, problem, base.model, shared_bias(problem, base.x))
-    factor = 1.0 + own_factors(told).factor
-    material = np.array([trial.material or "" for trial in trials.trials if trial.kind == "cut"])
-    usual = {each: float(np.median(factor[material == each])) for each in np.unique(material)}
-    return any(abs(each / usual[name] - 1.0) > _UNLIKE for each in usual.values())
+    return predictions(trials, lines, problem, base.model, shared_bias(problem, base.x))

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mjx_cutting import _platform
 from mjx_cutting.tracing import trace
-from mjx_cutting.trials.dataset import Dataset
-from mjx_cutting.trials.synthetic import Hidden
+from mjx_cutting.tracing.one_material import of_one_material
+from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo
+from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
 EFFECTS = ["radial_runout"]
 
@@ -35,6 +37,30 @@ def test_what_is_cut_of_another_material_is_left_out_by_name(mill):
     assert verdict["after"]["heldout_nrmse"] < 1.2 * verdict["noise_floor_nrmse"]
     assert [each["file"] for each in verdict["left_out"]] == ["t02.csv", "t06.csv"]
     assert all("'brass'" in each["reason"] and "'steel'" in each["reason"] for each in verdict["left_out"])
+
+
+def test_constants_that_differ_though_the_forces_are_as_large():
+    """One sheet is harder to cut, the other rubs more."""
+    cuts = [
+        Conditions(speed, speed * 4 * chip, 0.016, 0.002)
+        for speed in (40.0, 60.0)
+        for chip in (1e-5, 2e-5, 4e-5, 8e-5)
+    ]
+    tool, sensor = ToolInfo("end_mill", 4, 0.016), Sensor(5000.0, (0.3,) * 3)
+    hard, rubbing = (
+        make_trials(tool, Sheet(*constants), cuts, sensor, duration_s=0.5, seed=3)
+        for constants in (((8e8, 2.4e8, 1e8), (1e4, 1e4, 2e3)), ((5e8, 1.6e8, 8e7), (2.1e4, 1.5e4, 3e3)))
+    )
+    names = ["hard", "rubbing"] * 4
+    trials = tuple(
+        replace(one if name == "hard" else other, material=name)
+        for one, other, name in zip(hard.trials, rubbing.trials, names, strict=True)
+    )
+    with _platform.x64():
+        found = of_one_material(replace(hard, trials=trials), (0.0, 1000.0))
+        same = of_one_material(_labelled(hard, names), (0.0, 1000.0))
+    assert {each.material for each in found.trials} == {"hard"} and len(found.left_out) == 4
+    assert same.left_out == () and len(same.trials) == 8
 
 
 def test_labels_of_sheets_that_are_alike_leave_none_out(mill):

@@ -1,15 +1,18 @@
 """Records of a sensor without a filter: what of their edges lies beyond the highest line.
 
-A straight tooth enters and leaves at once. A sensor without a filter samples that step as it is, and the
-share of it that lies beyond the highest order a record can tell apart folds to any frequency: some per cent
-of the force, which stands between the lines as noise would. The shape of it is known, exact at every angle,
-for each constant of the base model; how much of each a trial has is fitted to what its lines leave, whatever
-wears the teeth. That is taken off the records.
+A straight tooth enters and leaves at once. A sensor without a filter samples that step as it is, but for its
+own rise time (a mean over a part of the sampling interval, the same in all trials), and the share of it that
+lies beyond the highest order a record can tell apart folds to any frequency: some per cent of the force,
+which stands between the lines as noise would. The shape of it is known, exact at every angle, for each
+constant of the base model; how much of each a trial has is fitted to what its lines leave, whatever wears the
+teeth. That is taken off the records.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +34,13 @@ _PLACES = 1 << 17
 _LESS = 0.9
 _TURN_RAD = np.linspace(-0.004, 0.004, 17)
 _STRETCH_RAD = np.linspace(-0.02, 0.02, 81)
+_CLOSER_RAD = (2e-4, 1e-4, 4e-5, 2e-5, 1e-5)
+_STEPS = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0]), axis=-1).reshape(-1, 2)
+_WIDTHS = (0.0, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4)
+_CLOSER_WIDTHS = (0.25, 0.12, 0.06)
+_SHOWING = 2
 Array = NDArray[np.floating]
+Place = tuple[float, float]
 
 
 def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
@@ -42,7 +51,10 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
     lines = lines_as_it_turned(dataset, band_hz)
     problem, base = fit_base(pose(dataset, lines))
     shown = predictions(dataset, lines, problem, base.model, shared_bias(problem, base.x))
-    edges = iter([_edges(problem, index, lines.orders, each) for index, each in enumerate(shown)])
+    wide_s = _width_s(problem, lines.orders, shown, dataset.sensor.sample_rate_hz)
+    edges = iter(
+        [_Edges(problem, index, lines.orders, each, wide_s).best() for index, each in enumerate(shown)]
+    )
     trials = (
         replace(trial, force_n=trial.force_n - next(edges)) if trial.kind == "cut" else trial
         for trial in dataset.trials
@@ -52,25 +64,61 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
     return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else dataset
 
 
-def _edges(problem: Problem, trial: int, orders: int, shown: Prediction) -> Array:
-    """[T, 3] what a trial shows of the shapes beyond its lines, at the angles that meet it best: lines among
-    which edges fold do not tell these as closely as the edges themselves."""
-    shapes = _beyond(problem, trial, orders)
-    left, pitch = shown.residual_n, 2.0 * np.pi / problem.tool.teeth
-    way = np.linspace(-0.5, 0.5, len(left))
+def _width_s(problem: Problem, orders: int, shown: Sequence[Prediction], rate_hz: float) -> float:
+    """Time over which the sensor averages, s, by what the first trials show of their edges."""
+    few = range(min(_SHOWING, len(shown)))
+    sharp = [_Edges(problem, index, orders, shown[index], 0.0) for index in few]
+    places = [each.place() for each in sharp]
 
-    def at(turn: float, stretch: float) -> Array:
-        angle = shown.angle_rad + turn + stretch * way
-        return _fitted(shapes[:, np.round(angle / pitch * _PLACES).astype(int) % _PLACES], left)
+    @cache
+    def missed(wide_s: float) -> float:
+        each = (_Edges(problem, index, orders, shown[index], wide_s) for index in few)
+        return sum(one.missed(one.closer(place)) for one, place in zip(each, places, strict=True))
 
-    def missed(each: tuple[float, float]) -> float:
-        return float(np.sum((left - at(*each)) ** 2))
+    best = min((share / rate_hz for share in _WIDTHS), key=missed)
+    for closer in _CLOSER_WIDTHS:
+        best = min((best, best * (1.0 - closer), best * (1.0 + closer)), key=missed)
+    return best
 
-    best = (0.0, 0.0)
-    for _ in range(2):
-        best = min(((best[0], each) for each in (best[1], *_STRETCH_RAD)), key=missed)
-        best = min(((each, best[1]) for each in (best[0], *_TURN_RAD)), key=missed)
-    return at(*best)
+
+class _Edges:
+    """What a trial shows of the shapes beyond its lines, seen by a sensor that averages over a time."""
+
+    def __init__(self, problem: Problem, trial: int, orders: int, shown: Prediction, wide_s: float):
+        self.shapes = _beyond(problem, trial, orders, wide_s * shown.speed_rev_s)
+        self.left, self.pitch = shown.residual_n, 2.0 * np.pi / problem.tool.teeth
+        self.angle, self.way = shown.angle_rad, np.linspace(-0.5, 0.5, len(shown.residual_n))
+
+    def best(self) -> Array:
+        """[T, 3] at the angles that meet it best: lines among which edges fold do not tell these as closely
+        as the edges themselves."""
+        return self.at(self.closer(self.place()))
+
+    def place(self) -> Place:
+        """Turn and stretch of the angles that meet it best, of few."""
+        best: Place = (0.0, 0.0)
+        for _ in range(2):
+            best = min(((best[0], each) for each in (best[1], *_STRETCH_RAD)), key=self.missed)
+            best = min(((each, best[1]) for each in (best[0], *_TURN_RAD)), key=self.missed)
+        return best
+
+    def closer(self, place: Place) -> Place:
+        """The best near a place. A step is met by the sample before it or by the one behind, so that counts
+        as closely as samples stand in a pitch."""
+        for closer in _CLOSER_RAD:
+            near = np.asarray(place) + closer * _STEPS
+            place = min(((float(turn), float(stretch)) for turn, stretch in near), key=self.missed)
+        return place
+
+    def at(self, place: Place) -> Array:
+        """[T, 3] what is shown at the angles turned and stretched so."""
+        angle = self.angle + place[0] + place[1] * self.way
+        shapes = self.shapes[:, np.round(angle / self.pitch * _PLACES).astype(int) % _PLACES]
+        return _fitted(shapes, self.left)
+
+    def missed(self, place: Place) -> float:
+        """Squared error that is left then."""
+        return float(np.sum((self.left - self.at(place)) ** 2))
 
 
 def _fitted(shapes: Array, left_n: Array) -> Array:
@@ -85,14 +133,16 @@ def _fitted(shapes: Array, left_n: Array) -> Array:
     return found
 
 
-def _beyond(problem: Problem, trial: int, orders: int) -> Array:
-    """[C, P, 3] force of a trial over a pitch less its lines up to an order, for each constant alone at 1."""
+def _beyond(problem: Problem, trial: int, orders: int, wide_turns: float = 0.0) -> Array:
+    """[C, P, 3] force of a trial over a pitch less its lines up to an order, for each constant alone at 1,
+    each the mean over a part of a turn."""
     tool, cut = problem.tool, jax.tree.map(lambda leaf: leaf[trial], problem.cut)
     lines = np.fft.rfft(np.asarray(_over_a_pitch(tool, cut)), axis=1)
     lines[:, : orders // tool.teeth + 1] = 0.0
     # the lines of a pitch are those at multiples of the teeth
     gain = helix_gain(cut.axial_width_m, tool.diameter_m / tool.teeth, tool.helix_rad, _PLACES // 2)
-    force = np.fft.irfft(lines * np.asarray(gain)[0][:, None], _PLACES, axis=1)
+    averaged = np.sinc(np.arange(_PLACES // 2 + 1) * tool.teeth * wide_turns)
+    force = np.fft.irfft(lines * (np.asarray(gain)[0] * averaged)[:, None], _PLACES, axis=1)
     return force * np.array(problem.alive)
 
 

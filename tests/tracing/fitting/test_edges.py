@@ -86,6 +86,17 @@ def test_what_edges_leave_between_the_lines_is_taken_off(wear):
         assert _between(rest) < 0.5 * _between(dataset)
 
 
+@pytest.mark.parametrize("smoothed_s", [0.0, 2e-5, 7e-5])
+def test_what_is_left_between_the_lines_is_noise(smoothed_s):
+    """Whatever small part of the sampling interval the sensor averages over."""
+    dataset = _straight_teeth(smoothed_s=smoothed_s)
+    with _platform.x64():
+        rest = without_edges(dataset, BAND)
+        lines = compress(rest, BAND)
+    noise = NOISE_N * np.sqrt(3.0 * lines.samples.sum() / lines.energy_n2.sum())
+    assert _between(rest) < 1.5 * noise < 0.5 * _between(dataset)
+
+
 def test_a_sensor_that_takes_them_away_is_left_alone():
     slow, stated = _straight_teeth(smoothed_s=2e-3), _straight_teeth()
     filtered = replace(stated, sensor=replace(stated.sensor, anti_alias=AntiAlias(order=4, hz=500.0)))
