@@ -19,7 +19,8 @@ from mjx_cutting.tracing.records.course import Course
 Array = NDArray[np.floating]
 _PERIODS_S = (0.01, 0.02, 0.025, 0.04, 0.05, 0.1)
 _STEP = 0.05
-_FLAT = 1e-3
+_FLAT = 0.05
+_OVER_NOISE = 25.0
 _MOST_STEPS = 1.0 / 3.0
 _FEWEST_STEPS = 3
 
@@ -38,7 +39,8 @@ def _own_starts(course: Course) -> Array | None:
     where it is no stair."""
     assert course.feed_share is not None
     change = np.diff(course.feed_share) ** 2
-    steps = change > _STEP**2 * np.var(course.feed_share)
+    # of a feed that is held, most changes are noise of its sensor
+    steps = change > max(_STEP**2 * float(np.var(course.feed_share)), _OVER_NOISE * float(np.median(change)))
     if not _FEWEST_STEPS < steps.sum() < _MOST_STEPS * len(change):
         return None
     if change[~steps].sum() > _FLAT * change.sum():

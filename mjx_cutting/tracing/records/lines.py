@@ -253,6 +253,8 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
     if sensor.anti_alias is None:
         shortest = min(len(trial.time_s) for trial in dataset.trials if trial.kind == "cut")
         most = max(most, min(_MOST_UNFILTERED, shortest // _SAMPLES_PER_ORDER))
+        # of a piece of a trial no more than it tells apart (`_one`)
+        most = max(min(most, (shortest - 3) // 4), 1)
         wanted = max(wanted, min(_UNFILTERED_HARMONICS * dataset.tool.teeth, most))
     else:
         audible_hz = sensor.anti_alias.hz * _INAUDIBLE ** (1.0 / sensor.anti_alias.order)
@@ -265,7 +267,7 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
         heard &= (frequency / alias.hz) ** alias.order < _INAUDIBLE
     highest = int(order[heard].max(initial=1))
     # in few sizes, so that what is compiled for one data set serves others
-    return next((size for size in _SIZES if size >= highest), most)
+    return next((size for size in _SIZES if most >= size >= highest), most)
 
 
 def _folded(frequency_hz: Array, rate_hz: float) -> Array:

@@ -16,6 +16,16 @@ def test_energy_is_lines_plus_rest(mill):
     np.testing.assert_allclose(total, lines.energy_n2, rtol=1e-9)
 
 
+def test_a_short_record_without_a_filter_has_as_many_lines_as_it_tells_apart(saw):
+    """A piece of a trial, say: of a filtered one the highest lines are not heard."""
+    made = saw()
+    trials = tuple(replace(t, time_s=t.time_s[:460], force_n=t.force_n[:460]) for t in made.trials)
+    sensor = replace(made.sensor, anti_alias=None)
+    lines = compress(replace(made, sensor=sensor, trials=trials), (0.0, 250.0))
+    assert 2 * lines.present.sum(axis=1).max() < 460
+    assert lines.orders >= made.tool.teeth
+
+
 def test_squared_error_of_any_coefficients(mill):
     dataset = mill()
     lines = compress(dataset, (0.0, 1000.0))
