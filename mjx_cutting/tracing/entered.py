@@ -6,7 +6,7 @@ geometry. They may all show the sheet to begin at one place, met by the rim or b
 leaves is then taken as each record has it. Where each record has a place of its own (sheets clamped anew, a
 recorder started by hand), that is found on it, as its phase is, and what is repeatable is the way in and out:
 positions then count from the first touch. A tool that is lowered into the sheet is all in at once: the
-geometry must leave less than half of what that leaves.
+geometry must leave less than half of what that leaves, and hardly any of what is missing.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ _FEWEST = 3
 _RAMP_LEFT = 0.05
 _AT_ONE_PLACE = 0.1
 _OF_AT_ONCE = 0.5
+_LEFT_OF_IT = 0.005
 Array = NDArray[np.floating]
 
 
@@ -52,7 +53,7 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
     if found is not None:
         start, by_axis = found
         ends[:, 0] = start.value - by_axis * reach
-    elif _by_geometry(outside, ends, touched, weight):
+    elif _by_geometry(outside, ends, touched, weight, inside.lines.noise_std_n()):
         start, by_axis = Interval(0.0, 0.0, 0.0, "m"), 0.0
     else:
         return inside
@@ -87,20 +88,27 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
 
 
 def _by_geometry(
-    outside: Sequence[Outside], ends: Array, touched: Sequence[tuple[float, float]], weight: Array
+    outside: Sequence[Outside],
+    ends: Array,
+    touched: Sequence[tuple[float, float]],
+    weight: Array,
+    noise_n: Array,
 ) -> bool:
-    """Whether most records show the tool come in or go out, and do so by the geometry of these `ends` [R, 2]
-    rather than at once."""
+    """Whether most records show the tool come in or go out, and do so by the geometry of these `ends` [R, 2]:
+    far rather than at once, and with hardly more left of what is missing than noise of `noise_n` [3]."""
     shown = np.isfinite(ends).any(axis=1)
     if shown.sum() < max(_FEWEST, len(outside) / 2):
         return False
-    left = np.zeros(2)
+    left, missing, noise = np.zeros(2), 0.0, 0.0
     for record, own, near in zip(outside, ends, touched, strict=True):
+        at_once = _ends(record, *near, weight, at_once=True)
         left += (
             left_of([record], np.append(own, 0.0), weight),
-            left_of([record], np.append(_ends(record, *near, weight, at_once=True), 0.0), weight, True),
+            left_of([record], np.append(at_once, 0.0), weight, True),
         )
-    return bool(left[0] < _OF_AT_ONCE * left[1])
+        missing += float(np.sum((record.missing(np.append(own, 0.0)) * weight) ** 2))
+        noise += float(record.where.sum() * np.sum((noise_n * weight) ** 2))
+    return bool(left[0] < _OF_AT_ONCE * left[1] and left[0] - noise < _LEFT_OF_IT * missing)
 
 
 def _fully_in(dataset: Dataset, from_m: dict[str, float], allowed_m: float) -> Dataset | None:

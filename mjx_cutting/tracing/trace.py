@@ -17,6 +17,7 @@ from mjx_cutting.cutting.effects.material_periodicity import MaterialPeriodicity
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
+from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.engaged import Engaged, engaged
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
@@ -129,7 +130,7 @@ def _trace(
         if found is None:
             found = inside_the_sheet(one_pass(dataset), one_pass)
             found = in_ramps(found, band, seed, progress)
-            found, cut_down = _where_engaged(found, one_pass)
+            found, cut_down = _where_engaged(found, one_pass, any(kind.name == ENDS for kind in kinds))
         if any(kind.name == VIBRATION for kind in kinds):
             progress("lines off the spindle's multiples")
             found = _with_vibration(found)
@@ -186,13 +187,18 @@ def _trace(
     )
 
 
-def _where_engaged(found: Pass, one_pass: Callable[[Dataset], Pass]) -> tuple[Pass, Engaged | None]:
+def _where_engaged(
+    found: Pass, one_pass: Callable[[Dataset], Pass], with_ends: bool
+) -> tuple[Pass, Engaged | None]:
     """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
-    finds where their tools are in the cut, with the ramps if they are as the geometry has them."""
+    finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them."""
     if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return found, None
     part = engaged(found.dataset)
-    return (found, None) if part is None else (entered(found, one_pass(part.dataset), part, one_pass), part)
+    if part is None:
+        return found, None
+    inside = one_pass(part.dataset)
+    return entered(found, inside, part, one_pass) if with_ends else inside, part
 
 
 def _caveats(found: Pass, *others: Reading | Unnamed | Above | Engaged | None) -> tuple[str, ...]:

@@ -118,7 +118,7 @@ def test_the_air_in_records_is_not_called_an_effect():
     feeds = {trial.file: trial.feed_speed_m_s for trial in made.trials}
     quick, _ = _in_air_at_both_ends(made, 0.05)
     true = tuple(replace(each, feed_speed_m_s=feeds[each.file]) for each in quick.trials)
-    asked = ("radial_runout", "size_effect")
+    asked = ("radial_runout", "size_effect", "entry_exit")
     plain, found = (trace(each, effects=asked).verdict for each in (made, replace(quick, trials=true)))
     assert found["effects"] == [] and plain["effects"] == []
     assert found["after"]["heldout_nrmse"] < 1.3 * plain["after"]["heldout_nrmse"]
