@@ -192,7 +192,8 @@ def _where_engaged(
 ) -> tuple[Pass, Engaged | None]:
     """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
     finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them."""
-    if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
+    ends_known = any(kind.name == ENDS for kind in found.kinds)
+    if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found) or ends_known:
         return found, None
     part = engaged(found.dataset)
     if part is None:

@@ -29,6 +29,7 @@ _CLEAR = 1.1
 _AT_ONCE = 0.3
 _AT_ONCE_TURNS = 4
 _FEWEST_TURNS = 1.0
+_SURELY_TURNS = 3.0
 _LEAST_TURNS = 10.0
 _FEWEST_IN_AIR = 10
 Array = NDArray[np.floating]
@@ -135,7 +136,7 @@ def touches_m(dataset: Dataset) -> NDArray[np.floating]:
     for trial in dataset.trials:
         if trial.kind == "cut":
             touching, _, turn = _sizes(trial)
-            in_air = touching[0] >= round(_FEWEST_TURNS * turn)
+            in_air = touching[0] >= round(_SURELY_TURNS * turn)
             found.append(along_path(trial)[touching[0]] if in_air else np.nan)
     return np.asarray(found)
 

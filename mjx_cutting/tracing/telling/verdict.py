@@ -262,10 +262,17 @@ def _parameter(found: Interval) -> dict[str, Any]:
 def _tie(
     each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
 ) -> dict[str, Any] | None:
+    """The accepted effect and another that explains as much; beside all that was found later too, where they
+    were tried so: what else was missing made two look alike that are not."""
+    tied = _tied(each, named, dataset, lines, found)
+    return tied if tied is None or each.again is None else _tied(each.again, named, dataset, lines, found)
+
+
+def _tied(
+    each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
+) -> dict[str, Any] | None:
     """The accepted effect and another, not `named` itself, that explains the same part of the force not worse
-    beyond two standard errors and passed every test, or all but that which would tell the two apart; beside
-    all that was found, where they were tried so."""
-    each = each.again or each
+    beyond two standard errors and passed every test, or all but that which would tell the two apart."""
     assert each.accepted is not None
     best = each.accepted.heldout
     for other in each.candidates:
