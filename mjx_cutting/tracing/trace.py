@@ -18,7 +18,7 @@ from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.ends import NAME as ENDS
-from mjx_cutting.tracing.along.engaged import Engaged, engaged
+from mjx_cutting.tracing.along.engaged import FEWEST_TURNS, SURELY_TURNS, Engaged, engaged
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
@@ -192,10 +192,10 @@ def _where_engaged(
 ) -> tuple[Pass, Engaged | None]:
     """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
     finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them."""
-    ends_known = any(kind.name == ENDS for kind in found.kinds)
-    if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found) or ends_known:
+    if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return found, None
-    part = engaged(found.dataset)
+    known = any(kind.name == ENDS for kind in found.kinds)
+    part = engaged(found.dataset, SURELY_TURNS if known else FEWEST_TURNS)
     if part is None:
         return found, None
     inside = one_pass(part.dataset)

@@ -28,8 +28,8 @@ _USUAL = 75.0
 _CLEAR = 1.1
 _AT_ONCE = 0.3
 _AT_ONCE_TURNS = 4
-_FEWEST_TURNS = 1.0
-_SURELY_TURNS = 3.0
+FEWEST_TURNS = 1.0
+SURELY_TURNS = 3.0
 _LEAST_TURNS = 10.0
 _FEWEST_IN_AIR = 10
 Array = NDArray[np.floating]
@@ -54,10 +54,13 @@ class Engaged:
         return f"{said}; they were traced where it is in the cut ({told})"
 
 
-def engaged(dataset: Dataset) -> Engaged | None:
-    """The trials where their tools are in the cut; None where no record begins or ends in the air."""
+def engaged(dataset: Dataset, fewest_turns: float = FEWEST_TURNS) -> Engaged | None:
+    """The trials where their tools are in the cut; None where no record begins or ends in the air for so many
+    turns."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool)) is not None}
+    stays = {
+        trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool, fewest_turns)) is not None
+    }
     if not stays:
         return None
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
@@ -136,7 +139,7 @@ def touches_m(dataset: Dataset) -> NDArray[np.floating]:
     for trial in dataset.trials:
         if trial.kind == "cut":
             touching, _, turn = _sizes(trial)
-            in_air = touching[0] >= round(_SURELY_TURNS * turn)
+            in_air = touching[0] >= round(SURELY_TURNS * turn)
             found.append(along_path(trial)[touching[0]] if in_air else np.nan)
     return np.asarray(found)
 
@@ -159,11 +162,11 @@ def _sizes(trial: Trial) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     return np.flatnonzero(size >= _AIR * level), np.flatnonzero(size >= _LEVEL * level), turn
 
 
-def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
+def _stay(trial: Trial, tool: ToolInfo, fewest_turns: float) -> _Stay | None:
     """Where the tool is in the cut; None where it is from the first sample to the last."""
     rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
     touching, full, turn = _sizes(trial)
-    least = round(_FEWEST_TURNS * turn)
+    least = round(fewest_turns * turn)
     last_sample = len(trial.time_s) - 1
     before, after = int(touching[0]), last_sample - int(touching[-1])
     if max(before, after) < least:
