@@ -74,14 +74,14 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
     named = told.round(effect, parameters, inside.after, tried + 1)
     if named.accepted is None:
         return inside
+    sentence = "everything else was traced where the tool is fully in the sheet"
     if found is None:
-        sentence = (
-            "everything else was traced where the tool is fully in the sheet; where that begins and ends "
+        sentence += (
+            "; where that begins and ends is each record's own and was found on it, so that positions "
         )
-        sentence += "is each record's own and was found on it, so that positions count from the first touch"
+        sentence += "count from the first touch"
     else:
-        sentence = "everything else was traced where the tool is fully in the sheet, which "
-        sentence += f"{met(start.value, by_axis)} in every trial"
+        sentence += f", which {met(start.value, by_axis)} in every trial"
     place = [trial.file for trial in whole.dataset.trials if trial.kind == "cut"]
     base_n2 = whole.search.base.error_n2[[place.index(file) for file in files]]
     return with_ends(inside, named, told, sentence, base_n2)

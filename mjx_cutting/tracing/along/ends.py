@@ -167,8 +167,8 @@ class Ramps:
         reach, table = self.reach_m[course.index], self.entering[course.index]
         added = np.zeros_like(course.left_n)
         rim_m = course.position_m + by_axis * reach
-        way = reach * (_AT_ONCE if at_once else 1.0)
-        way_in, way_out = (rim_m - start_m) / way, (rim_m - end_m) / way
+        whole_m = reach * (_AT_ONCE if at_once else 1.0)
+        way_in, way_out = (rim_m - start_m) / whole_m, (rim_m - end_m) / whole_m
         # a tooth has left the sheet where it would already have been in one that begins there
         in_ramp, out_ramp = np.isfinite(way_in) & (way_in < 1.0), way_out > 0.0
         for part, way, ramp in ((table - table[-1], way_in, in_ramp), (-table, way_out, out_ramp)):

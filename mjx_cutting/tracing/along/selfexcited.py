@@ -92,13 +92,13 @@ def find_vibration(
     for i in shown:
         error[i] += each[i].error_change_n2
     held_out = HeldOut(np.maximum(error, 0.0), before.energy_n2, before.fits, before.fold)
-    reasons = _reasons(dataset, after, shown, frequency, before, held_out)
+    reasons = []
     if not _enough(shown, each, after) or np.mean(alike) < _MOST_ALIKE:
-        reasons.insert(
-            0,
+        reasons.append(
             f"the lines off the spindle's multiples stand near one frequency in {len(shown)} trials of "
-            f"{len(alike)} that show any",
+            f"{len(alike)} that show any"
         )
+    reasons += _reasons(dataset, after, shown, frequency, before, held_out)
     order = _shared_order([each[i] for i in shown], [after[i] for i in shown], teeth)
     if order is not None:
         reasons.append(
@@ -206,7 +206,7 @@ def _reasons(
     before: HeldOut,
     held_out: HeldOut,
 ) -> list[str]:
-    """Why the pattern is given no name."""
+    """Why a pattern that enough trials share is given no name."""
     reasons = []
     speeds = np.array([after[i].speed_rev_s for i in shown])
     resolution = 1.0 / min(after[i].time_s[-1] for i in shown) if shown else 0.0

@@ -10,10 +10,11 @@ cuts unlike another.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.descent import Descent
-from mjx_cutting.tracing.fitting.fit import fit_base
+from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, compress
@@ -47,23 +48,25 @@ def _tells_more(dataset: Dataset, lines: Lines, near: Lines) -> bool:
 
 
 class _Left:
-    """Share of the energy that models leave, fitted to all trials."""
+    """Share of the energy that models leave, fitted to all trials; `least` whatever they say."""
 
     def __init__(self, dataset: Dataset, lines: Lines):
         self.lines = lines
         self.problem, self.fit = fit_base(pose(dataset, lines))
-        self.least = float(lines.rest_n2.sum() / lines.energy_n2.sum())
+        self.least = self._share(0.0)
 
     def base(self) -> float:
         """By the base model."""
-        return float(np.asarray(self.fit.error_n2).sum() / self.lines.energy_n2.sum()) + self.least
+        return self._share(self.fit.error_n2)
 
     def beside(self, name: str) -> float:
         """By the base model with an effect."""
-        kind, known = effect_class(name), np.asarray(self.fit.x)
+        kind = effect_class(name)
         descent = Descent(self.problem, (kind,))
-        starts = kind.starts(self.problem.tool)
-        tries = [descent.descend(np.append(known, start), _STEPS) for start in starts]
-        best = min(tries, key=lambda each: each[1])[0]
-        found = descent.fits(best[None], np.ones((1, self.problem.trials)))
-        return float(np.asarray(found.error_n2).sum() / self.lines.energy_n2.sum()) + self.least
+        starts = effect_starts(self.problem, kind, self.fit.x)
+        best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
+        return self._share(descent.rows(best[None]).error_n2)
+
+    def _share(self, error_n2: ArrayLike) -> float:
+        left = np.asarray(error_n2).sum() + self.lines.rest_n2.sum()
+        return float(left / self.lines.energy_n2.sum())

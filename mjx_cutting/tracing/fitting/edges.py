@@ -53,7 +53,10 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
     shown = predictions(dataset, lines, problem, base.model, shared_bias(problem, base.x))
     wide_s = _width_s(problem, lines.orders, shown, dataset.sensor.sample_rate_hz)
     edges = iter(
-        [_Edges(problem, index, lines.orders, each, wide_s).best() for index, each in enumerate(shown)]
+        [
+            _Edges(problem, _beyond(problem, index, lines.orders), each, wide_s).best()
+            for index, each in enumerate(shown)
+        ]
     )
     trials = (
         replace(trial, force_n=trial.force_n - next(edges)) if trial.kind == "cut" else trial
@@ -66,14 +69,13 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
 
 def _width_s(problem: Problem, orders: int, shown: Sequence[Prediction], rate_hz: float) -> float:
     """Time over which the sensor averages, s, by what the first trials show of their edges."""
-    few = range(min(_SHOWING, len(shown)))
-    sharp = [_Edges(problem, index, orders, shown[index], 0.0) for index in few]
-    places = [each.place() for each in sharp]
+    few = [(_beyond(problem, index, orders), each) for index, each in enumerate(shown[:_SHOWING])]
+    places = [_Edges(problem, *each, 0.0).place() for each in few]
 
     @cache
     def missed(wide_s: float) -> float:
-        each = (_Edges(problem, index, orders, shown[index], wide_s) for index in few)
-        return sum(one.missed(one.closer(place)) for one, place in zip(each, places, strict=True))
+        edges = (_Edges(problem, *each, wide_s) for each in few)
+        return sum(one.missed(one.closer(place)) for one, place in zip(edges, places, strict=True))
 
     best = min((share / rate_hz for share in _WIDTHS), key=missed)
     for closer in _CLOSER_WIDTHS:
@@ -84,8 +86,11 @@ def _width_s(problem: Problem, orders: int, shown: Sequence[Prediction], rate_hz
 class _Edges:
     """What a trial shows of the shapes beyond its lines, seen by a sensor that averages over a time."""
 
-    def __init__(self, problem: Problem, trial: int, orders: int, shown: Prediction, wide_s: float):
-        self.shapes = _beyond(problem, trial, orders, wide_s * shown.speed_rev_s)
+    def __init__(self, problem: Problem, lines: NDArray, shown: Prediction, wide_s: float):
+        """`lines` as of `_beyond`."""
+        tooth_hz = problem.tool.teeth * shown.speed_rev_s
+        averaged = np.sinc(np.arange(lines.shape[1]) * tooth_hz * wide_s)
+        self.shapes = np.fft.irfft(lines * averaged[:, None], _PLACES, axis=1)
         self.left, self.pitch = shown.residual_n, 2.0 * np.pi / problem.tool.teeth
         self.angle, self.way = shown.angle_rad, np.linspace(-0.5, 0.5, len(shown.residual_n))
 
@@ -133,17 +138,15 @@ def _fitted(shapes: Array, left_n: Array) -> Array:
     return found
 
 
-def _beyond(problem: Problem, trial: int, orders: int, wide_turns: float = 0.0) -> Array:
-    """[C, P, 3] force of a trial over a pitch less its lines up to an order, for each constant alone at 1,
-    each the mean over a part of a turn."""
+def _beyond(problem: Problem, trial: int, orders: int) -> NDArray[np.complexfloating]:
+    """[C, P / 2 + 1, 3] lines of a trial's force over a pitch less those up to an order, for each constant
+    alone at 1."""
     tool, cut = problem.tool, jax.tree.map(lambda leaf: leaf[trial], problem.cut)
     lines = np.fft.rfft(np.asarray(_over_a_pitch(tool, cut)), axis=1)
     lines[:, : orders // tool.teeth + 1] = 0.0
     # the lines of a pitch are those at multiples of the teeth
     gain = helix_gain(cut.axial_width_m, tool.diameter_m / tool.teeth, tool.helix_rad, _PLACES // 2)
-    averaged = np.sinc(np.arange(_PLACES // 2 + 1) * tool.teeth * wide_turns)
-    force = np.fft.irfft(lines * (np.asarray(gain)[0] * averaged)[:, None], _PLACES, axis=1)
-    return force * np.array(problem.alive)
+    return np.asarray(lines * np.asarray(gain)[0][:, None] * np.array(problem.alive))
 
 
 @jax.jit
