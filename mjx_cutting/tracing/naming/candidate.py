@@ -16,6 +16,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
 from mjx_cutting.tracing.fitting.model_error import model_errors, tolerated
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened
+from mjx_cutting.tracing.guards.gain_with_time import rather_multiplied
 from mjx_cutting.tracing.guards.level_with_speed import rather_with_speed
 from mjx_cutting.tracing.guards.line_by_line import rather_by_line
 from mjx_cutting.tracing.guards.own_gain import rather_a_factor
@@ -105,6 +106,7 @@ def try_effect(
         why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_their_law(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_with_speed(problem, effects, found)
+        why = why or rather_multiplied(problem, effects, found)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 

@@ -13,6 +13,7 @@ from mjx_cutting.tracing.records.lines import basis
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _ROUNDING_M = 1e-6
+_IN_WHOLE = 0.095
 
 
 def line_amplitudes(predictions: Sequence[Prediction], order: int) -> NDArray[np.float64]:
@@ -51,7 +52,8 @@ def evidence(
         sentences.append(_sets_in(dataset, kind.held["onset_m"][1]))
     old, new = (energy([each.residual_n for each in told]) for told in (before, after))
     if new < old:
-        sentences.append(f"the final model leaves {new / old:.0%} of the base model's residual energy")
+        share = f"{new / old:.0%}" if new >= _IN_WHOLE * old else f"{new / old:.1%}"
+        sentences.append(f"the final model leaves {share} of the base model's residual energy")
     return sentences
 
 
