@@ -153,12 +153,14 @@ class ForceModel(eqx.Module):
     def transfer(self, frequency_hz: ArrayLike, cut: Cut) -> Array:
         """[F, 3, 3] complex response of structure and sensor to a steady line at each frequency, Hz."""
         frequency = jnp.atleast_1d(jnp.asarray(frequency_hz))
-        total = jnp.broadcast_to(jnp.eye(3, dtype=jnp.result_type(frequency, 1j)), (*frequency.shape, 3, 3))
+        total = None
         for effect in self._path():
             own = effect.transfer(frequency, cut, self)
             if own is not None:
-                total = own @ total
-        return total
+                # term by term: a product of matrices this small costs more than its terms
+                total = own if total is None else jnp.sum(own[..., None] * total[..., None, :, :], axis=-2)
+        whole = jnp.eye(3) if total is None else total
+        return jnp.broadcast_to(whole, (*frequency.shape, 3, 3)).astype(jnp.result_type(frequency, 1j))
 
     def init(self) -> tuple[Any, ...]:
         """Memory of every effect at rest, a pytree."""

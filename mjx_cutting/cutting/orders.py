@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect
@@ -33,7 +34,14 @@ def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
     return model.process_force(_turn(cut, angles))
 
 
-def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: float = np.pi) -> Array:
+def order_lines(
+    model: ForceModel,
+    cut: Cut,
+    orders: int,
+    angles: int,
+    arc_rad: float = np.pi,
+    along: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Array:
     """[orders + 1, 3] complex coefficients c_n of the SENSED force, n = 0..orders, N.
 
     The time record is Re(c_0 + 2 sum over n >= 1 of c_n exp(i n theta)), theta counted from `cut.angle_rad`.
@@ -45,6 +53,8 @@ def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: 
         angles: angles K of a revolution, where one is evaluated; a multiple of the teeth, several times
             `orders`.
         arc_rad: longest engagement arc there will be, which sets the accuracy of the rule over it.
+        along: places [P] along the path, m, and the share [P] of each, where the response changes on the way
+            and its mean is wanted; default the cut's own place.
     """
     if not model.turns_evenly:
         lines = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
@@ -53,9 +63,9 @@ def order_lines(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: 
         if any(type(effect).body is not AbstractEffect.body for effect in model.effects):
             lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[: orders + 1] / angles
     if any(type(effect).sense is not AbstractEffect.sense for effect in model.effects):
-        wave = jnp.fft.irfft(_responded(model, cut, lines) * angles, angles, axis=0)
+        wave = jnp.fft.irfft(_responded(model, cut, lines, along) * angles, angles, axis=0)
         return jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[: orders + 1] / angles
-    return _responded(model, cut, lines[: orders + 1])
+    return _responded(model, cut, lines[: orders + 1], along)
 
 
 def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
@@ -115,6 +125,16 @@ def _turn(cut: Cut, angles: int) -> Cut:
     return cut.replace(angle_rad=angle, gate_rad=jnp.maximum(cut.gate_rad, step))
 
 
-def _responded(model: ForceModel, cut: Cut, lines: Array) -> Array:
-    response = model.transfer(jnp.arange(lines.shape[0]) * cut.spindle_speed_rev_s, cut)
+def _responded(
+    model: ForceModel, cut: Cut, lines: Array, along: tuple[ArrayLike, ArrayLike] | None = None
+) -> Array:
+    frequency = jnp.arange(lines.shape[0]) * cut.spindle_speed_rev_s
+    if along is None:
+        response = model.transfer(frequency, cut)
+    else:
+        places, share = along
+        each = jax.vmap(lambda place: model.transfer(frequency, cut.replace(position_m=place)))(
+            jnp.asarray(places)
+        )
+        response = jnp.tensordot(jnp.asarray(share), each, axes=1)
     return jnp.einsum("nij,nj->ni", response, lines)

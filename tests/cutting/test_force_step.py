@@ -134,3 +134,17 @@ def test_order_lines_turn_with_the_start():
     turned = np.asarray(lines_of(the_model, cut(angle_rad=np.pi / 5), 12, 240))
     expected = plain * np.exp(1j * np.arange(13) * np.pi / 5)[:, None]
     np.testing.assert_allclose(turned, expected, atol=1e-9)
+
+
+def test_lines_over_a_stretch_are_the_mean_of_those_along_it():
+    """A clamp mode that moves with the place, behind an arm and a sensor that mixes its axes."""
+    effects = (
+        effect_class("clamp_mode")(0.5, 90.0, 8.0, 0.03, 20.0),
+        effect_class("robot_mode")(0.3, 60.0, 0.05, 0.7),
+        effect_class("crosstalk")(0.03 * np.array([1.0, -2.0, 0.5, 1.5, -1.0, 0.7])),
+    )
+    the_model, places, share = model(*effects), np.array([0.0, 0.01, 0.03]), np.array([0.2, 0.5, 0.3])
+    each = [np.asarray(order_lines(the_model, cut(position_m=place), 40, 480)) for place in places]
+    over = np.asarray(order_lines(the_model, cut(), 40, 480, along=(places, share)))
+    np.testing.assert_allclose(over, np.tensordot(share, each, axes=1), rtol=1e-9, atol=1e-9)
+    assert np.abs(each[0] - each[2]).max() > 0.05 * np.abs(over).max()

@@ -303,15 +303,18 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
     def along(cut: Cut, path_m: Array, motion: Array | None) -> Array:
         moving = straight if motion is None else straight.with_effects(CentreMotion(motion))
 
-        def at(place: ArrayLike) -> Array:
+        def at(place: ArrayLike, stretch: tuple[ArrayLike, ArrayLike] | None = None) -> Array:
             here = cut.replace(position_m=place)
             here = here if motion is None else felt_on(here, motion, angles)
-            return order_lines(moving, here, orders, angles, arc_rad)
+            return order_lines(moving, here, orders, angles, arc_rad, stretch)
 
         if not by_position(model):
             return at(cut.position_m)
         node, weight = np.polynomial.legendre.leggauss(_PLACES)
-        return jnp.tensordot(0.5 * weight, jax.vmap(at)(cut.position_m + 0.5 * path_m * node), axes=1)
+        places, share = cut.position_m + 0.5 * path_m * node, 0.5 * weight
+        if all(each.transfer is not AbstractEffect.transfer for each in _by_position(model)):
+            return at(cut.position_m, (places, share))
+        return jnp.tensordot(share, jax.vmap(at)(places), axes=1)
 
     lines = jax.vmap(along)(problem.cut, problem.path_m, problem.motion) * np.array(problem.alive)
     return lines * response(problem, model)[..., None]
@@ -335,7 +338,11 @@ def response(problem: Problem, model: ForceModel) -> Array:
 
 def by_position(model: ForceModel) -> bool:
     """Whether the response of an effect changes along the path."""
-    return any(effect.by_position for effect in model.effects)
+    return bool(_by_position(model))
+
+
+def _by_position(model: ForceModel) -> list[type[AbstractEffect]]:
+    return [type(effect) for effect in model.effects if effect.by_position]
 
 
 def _length_m(trial: Trial) -> float:
