@@ -75,5 +75,5 @@ def rather_multiplied(problem: Problem, effects: Effects, found: Fit) -> str | N
         left = float(np.asarray(descent.fits(x[None], np.ones((1, problem.trials))).squares)[0])
         if left < _MUCH_LESS * float(found.squares):
             ratio = float(found.squares) / max(left, 1e-300)
-            return f"a factor on all of the force that grows with {what} leaves {ratio:.1f} times less"
+            return f"a factor on all of the force that grows with {what} leaves {ratio:.3g} times less"
     return None

@@ -23,6 +23,7 @@ from mjx_cutting.tracing.guards.own_gain import rather_a_factor
 from mjx_cutting.tracing.guards.own_law import rather_their_law
 from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
 from mjx_cutting.tracing.guards.smeared import rather_smeared
+from mjx_cutting.tracing.guards.sudden import rather_sudden
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of
 from mjx_cutting.tracing.records.lines import Lines
@@ -107,6 +108,7 @@ def try_effect(
         why = why or rather_their_law(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_with_speed(problem, effects, found)
         why = why or rather_multiplied(problem, effects, found)
+        why = why or rather_sudden(problem, effects, found)
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 

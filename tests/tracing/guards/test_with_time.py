@@ -1,4 +1,4 @@
-"""A force that is multiplied as time goes by is neither wear nor a drift; wear and drift still are."""
+"""A force that is multiplied as time goes by, or jumps, is neither wear nor a drift; these still are named."""
 
 from __future__ import annotations
 
@@ -60,18 +60,35 @@ def _creeping(chip_m, clock_s, length_m):
     return _sharp(chip_m) - 8.0 * np.array([1.0, 0.6, -0.8]) * np.expm1(-clock_s / 420.0)
 
 
+def _chipped(chip_m, clock_s, length_m):
+    """From the eighth cut on the force on the edge is half as large again."""
+    return _sharp(chip_m) + 0.5 * DEPTH_M * EDGE_N_M * (clock_s > 450.0)
+
+
+def _moved(chip_m, clock_s, length_m):
+    """From the eighth cut on the sensor's zero is another."""
+    return _sharp(chip_m) + np.array([5.0, 3.0, 2.0]) * (clock_s > 450.0)
+
+
+MULTIPLIED = "a factor on all of the force that grows with the clock leaves"
+
+
 @pytest.mark.parametrize(
-    ("force_of", "named"),
-    [(_warming, []), (_wearing, ["flank_wear"]), (_creeping, ["thermal_drift"])],
-    ids=["gain", "wear", "drift"],
+    ("force_of", "named", "why"),
+    [
+        (_wearing, ["flank_wear"], ""),
+        (_creeping, ["thermal_drift"], ""),
+        (_warming, [], MULTIPLIED),
+        (_chipped, [], "at 451 s of the clock leaves"),
+        (_moved, [], "a step of the zero at 451 s of the clock leaves"),
+    ],
+    ids=["wear", "drift", "gain", "chipped edge", "moved zero"],
 )
-def test_what_multiplies_the_force_is_neither_wear_nor_drift(force_of, named):
+def test_what_multiplies_the_force_or_jumps_is_neither_wear_nor_drift(force_of, named, why):
     found = trace(_turned(force_of), effects=("flank_wear", "thermal_drift"))
     assert [each["name"] for each in found.verdict["effects"]] == named
     if not named:
         assert found.verdict["verdict"] == "unexplained"
-        tried = [each for each in found.search.rounds[0].candidates if each.kind.name == "flank_wear"]
-        assert any(
-            "factor on all of the force that grows with the clock" in why for why in tried[0].decision.reasons
-        )
+        reasons = [each.decision.reasons for each in found.search.rounds[0].candidates]
+        assert any(why in reason for each in reasons for reason in each), reasons
         assert "clock time" in found.verdict["remaining"]["depends_on"]

@@ -1,0 +1,119 @@
+"""Does an edge wear, or a zero creep, or did one of them change all at once?
+
+Coolant that is switched off, an edge that chips, a cable that is moved: from one cut to the next the force on
+the edge, or the sensor's zero, is another and stays so. Three quarters of the energy of such a step are in
+the straight line through it, which wear and drift follow. So they pass only where no step between two cuts,
+in the force on the edge or in the zero, leaves much less.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Tool
+from mjx_cutting.cutting.chip import Chip
+from mjx_cutting.cutting.effects import Parameter
+from mjx_cutting.cutting.effects.abstract import EdgeForce
+from mjx_cutting.cutting.effects.flank_wear import FlankWear
+from mjx_cutting.cutting.effects.thermal_drift import ThermalDrift
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects, Fit
+from mjx_cutting.tracing.fitting.problem import Problem
+
+_MUCH_LESS = 0.5
+_MOST_PLACES = 32
+_STEPS = 3
+_ORDERS = {"clock_s": "s of the clock", "cut_length_m": "m of length cut"}
+
+
+class Step(AbstractEffect):
+    """What is there from some time on, of unknown cause.
+
+    Fields: `change` [3] of each direction; `onset` [] where it begins, in the field `of` of `Cut`, which is
+    given: nothing moves with it between two cuts.
+    """
+
+    strength = "change"
+    physical = False
+    of: ClassVar[str]
+    usual: ClassVar[float]
+
+    change: ArrayLike
+    onset: ArrayLike
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> AbstractEffect:
+        return cls(cls.usual * coordinates[:3], coordinates[3])
+
+    def there(self, cut: Cut) -> Array:
+        """[...] the change at an instant, [..., 3]."""
+        on = jnp.asarray(getattr(cut, self.of)) > self.onset
+        return jnp.where(on[..., None], jnp.asarray(self.change), 0.0)
+
+
+class StepOfTheZero(Step):
+    """A sensor's zero that jumps, N."""
+
+    name = "step_of_the_zero"
+    stage = "sensor"
+    usual = 10.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "change": Parameter("N", -1e5, 1e5, 0.0, 10.0, length=3, source="no physics: fitted"),
+        "onset": Parameter("1", -1e9, 1e9, None, 1.0, source="given"),
+    }
+
+    def sense(self, force: Array, cut: Cut, model: ForceModel) -> Array:
+        return force + self.there(cut)
+
+
+class StepOfTheEdge(Step):
+    """A force on the edge that jumps, N/m."""
+
+    name = "step_of_the_edge"
+    stage = "edge"
+    usual = 1e4
+    alike = True
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "change": Parameter("N/m", -1e8, 1e8, 0.0, 1e4, length=3, source="no physics: fitted"),
+        "onset": Parameter("1", -1e9, 1e9, None, 1.0, source="given"),
+    }
+
+    def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
+        more = chip.width_m[..., None] * self.there(cut)[..., None, None, :]
+        return force._replace(edge=force.edge + more)
+
+
+def rather_sudden(problem: Problem, effects: Effects, found: Fit) -> str | None:
+    """Why wear or a drift, the last of `effects`, is refused where a step between two cuts leaves much less;
+    None where none does, or where the last is neither.
+
+    Arguments: problem; the effects of the model and its fit to all trials.
+    """
+    kind = effects[-1]
+    if not issubclass(kind, FlankWear | ThermalDrift):
+        return None
+    rest = np.asarray(found.x)[: -kind.size(problem.tool)]
+    of = next((each for each in _ORDERS if np.ptp(np.asarray(getattr(problem.cut, each))) > 0.0), None)
+    if of is None:
+        return None
+    when = np.unique(np.asarray(getattr(problem.cut, of)))
+    onsets = 0.5 * (when[1:] + when[:-1])
+    onsets = onsets[np.unique(np.linspace(0, len(onsets) - 1, _MOST_PLACES).astype(int))]
+    for step in (StepOfTheZero, StepOfTheEdge):
+        descent = Descent(problem, (*effects[:-1], type(step.__name__, (step,), {"of": of})))
+        starts = [np.concatenate([rest, np.zeros(3), [onset]]) for onset in onsets]
+        reached = np.stack([descent.descend(start, _STEPS)[0] for start in starts])
+        squares = np.asarray(descent.fits(reached, np.ones((len(reached), problem.trials))).squares)
+        best = int(np.argmin(squares))
+        if squares[best] < _MUCH_LESS * float(found.squares):
+            ratio, what = (
+                float(found.squares) / max(float(squares[best]), 1e-300),
+                step.name.replace("_", " "),
+            )
+            return f"a {what} at {onsets[best]:.4g} {_ORDERS[of]} leaves {ratio:.3g} times less"
+    return None
