@@ -1,4 +1,4 @@
-"""A force that is multiplied as time goes by, or jumps, is neither wear nor a drift; these still are named."""
+"""A force that is multiplied as time goes by, or jumps, is neither wear nor drift; these still are named."""
 
 from __future__ import annotations
 
