@@ -70,25 +70,31 @@ def _moved(chip_m, clock_s, length_m):
     return _sharp(chip_m) + np.array([5.0, 3.0, 2.0]) * (clock_s > 450.0)
 
 
+def _harder(chip_m, clock_s, length_m):
+    """From the tenth cut on the bar is of another batch."""
+    return _sharp(chip_m) * (1.0 + 0.08 * (clock_s > 570.0))
+
+
 MULTIPLIED = "a factor on all of the force that grows with the clock leaves"
 
 
 @pytest.mark.parametrize(
-    ("force_of", "named", "why"),
+    ("force_of", "named", "why", "told"),
     [
-        (_wearing, ["flank_wear"], ""),
-        (_creeping, ["thermal_drift"], ""),
-        (_warming, [], MULTIPLIED),
-        (_chipped, [], "at 451 s of the clock leaves"),
-        (_moved, [], "a step of the zero at 451 s of the clock leaves"),
+        (_wearing, ["flank_wear"], "", ""),
+        (_creeping, ["thermal_drift"], "", ""),
+        (_warming, [], MULTIPLIED, "clock time"),
+        (_chipped, [], "at 451 s of the clock leaves", "clock time"),
+        (_moved, [], "a step of the zero at 451 s of the clock leaves", "clock time"),
+        (_harder, [], "a step of the gain at 571 s of the clock leaves", "feed"),
     ],
-    ids=["wear", "drift", "gain", "chipped edge", "moved zero"],
+    ids=["wear", "drift", "gain", "chipped edge", "moved zero", "another batch"],
 )
-def test_what_multiplies_the_force_or_jumps_is_neither_wear_nor_drift(force_of, named, why):
+def test_what_multiplies_the_force_or_jumps_is_neither_wear_nor_drift(force_of, named, why, told):
     found = trace(_turned(force_of), effects=("flank_wear", "thermal_drift"))
     assert [each["name"] for each in found.verdict["effects"]] == named
     if not named:
         assert found.verdict["verdict"] == "unexplained"
         reasons = [each.decision.reasons for each in found.search.rounds[0].candidates]
         assert any(why in reason for each in reasons for reason in each), reasons
-        assert "clock time" in found.verdict["remaining"]["depends_on"]
+        assert told in found.verdict["remaining"]["depends_on"]
