@@ -267,9 +267,9 @@ def parse_entry(keys: Keys, file: str, tool: ToolInfo) -> Entry:
         keys.absent("milling")
     conditions["spindle_speed_rev_s"] = keys.number("spindle_speed_rev_s", above=0.0)
     conditions["feed_speed_m_s"] = _positive_when_cutting(keys, "feed_speed_m_s", cutting)
-    for key in ("radial_depth_m", "axial_width_m"):
-        if tool.kind == "drill" and keys.absent(key):
-            conditions[key] = tool.diameter_m / 2
+    for key, other in (_SIZES, _SIZES[::-1]):
+        if keys.absent(key) and (told := _size(keys, key, other, tool, conditions)) is not None:
+            conditions[key] = told
         else:
             conditions[key] = _positive_when_cutting(keys, key, cutting)
     conditions["material"] = keys.text("material")
@@ -283,6 +283,21 @@ def parse_entry(keys: Keys, file: str, tool: ToolInfo) -> Entry:
 
 HISTORY = ("cut_length_before_m", "clock_start_s", "tool_id")
 """Optional keys that tell a trial's place in the session: useful only when every cut has them."""
+
+
+_SIZES = ("radial_depth_m", "axial_width_m")
+
+
+def _size(keys: Keys, key: str, other: str, tool: ToolInfo, conditions: dict[str, Any]) -> float | None:
+    """A cut's size, m, where it is not given and the rest of the entry leaves no doubt: of a drill the
+    tool's, on a lathe that of the `other` key, in air none; None elsewhere."""
+    if tool.kind == "drill":
+        return tool.diameter_m / 2
+    if conditions["kind"] == "air":
+        return 0.0
+    if tool.kind == "turning" and not keys.absent(other):
+        return keys.number(other, least=0.0)
+    return None
 
 
 def _positive_when_cutting(keys: Keys, key: str, cutting: bool) -> float:

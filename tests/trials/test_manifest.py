@@ -250,6 +250,13 @@ def test_air_trials_may_stand_still(folder):
     assert [trial.kind for trial in dataset.trials] == ["cut", "air"]
 
 
+def test_the_size_of_a_cut_in_air_is_nothing_where_it_is_not_given(folder):
+    del folder.entry(1)["radial_depth_m"]
+    folder.entry(1).update(kind="air", axial_width_m=None)
+    air = read(folder.write()).trials[1]
+    assert (air.radial_depth_m, air.axial_width_m) == (0.0, 0.0)
+
+
 def test_drills_need_no_milling_depth_or_width_and_their_axes_keep_thrust_along_z():
     document = {
         "format": "mjx-cutting-trials/1",
@@ -265,7 +272,7 @@ def test_drills_need_no_milling_depth_or_width_and_their_axes_keep_thrust_along_
         parse_manifest(document | {"axes": ["+z", "+x", "+y"]}, name="d")
 
 
-def test_turning_needs_depth_and_width_but_no_milling():
+def test_turning_needs_depth_or_width_but_no_milling():
     document = {
         "format": "mjx-cutting-trials/1",
         "tool": {"kind": "turning", "teeth": 1, "diameter_m": 0.05},
@@ -273,6 +280,10 @@ def test_turning_needs_depth_and_width_but_no_milling():
         "trials": [{"file": "h1.csv", "kind": "cut", "spindle_speed_rev_s": 13.0, "feed_speed_m_s": 0.002}],
     }
     assert "radial_depth_m" in parse_manifest(document, name="d").left_out[0].reason
+    for key in ("radial_depth_m", "axial_width_m"):
+        one = document | {"trials": [document["trials"][0] | {key: 0.001}]}  # type: ignore[dict-item]
+        conditions = parse_manifest(one, name="d").entries[0].conditions
+        assert (conditions["radial_depth_m"], conditions["axial_width_m"]) == (0.001, 0.001)
     document["trials"][0] |= {"radial_depth_m": 0.001, "axial_width_m": 0.0002}  # type: ignore[index]
     assert parse_manifest(document, name="d").entries[0].conditions["milling"] is None
 
