@@ -22,7 +22,7 @@ _IN_CUT = 0.5
 _TRIMMED = 0.1
 _AT_LEVEL = 0.9
 _FEWEST = 8
-_AIR = 0.2
+_AIR = 0.5
 _FEWEST_IN_AIR = 20
 _AT_REST = 3.0
 _SHORTER = 0.8
@@ -90,16 +90,18 @@ def _beside_the_cut(trial: Trial, kind: str) -> NDArray[np.floating] | None:
 
 
 def _air(force: NDArray[np.floating]) -> NDArray[np.floating] | None:
-    """[A, 3] the samples before the tool touches; None where there are too few to tell where the zero is."""
-    size, usual = _sizes(force)
+    """[A, 3] the samples before the tool touches; None where there are too few to tell where the zero is, or
+    where what they read is no zero: half or more of what the cut then adds to it."""
+    added = force - force[:_FEWEST_IN_AIR].mean(axis=0)
+    size, usual = _sizes(added)
     touched = int(np.argmax(size > _IN_CUT * usual))
     while touched >= _FEWEST_IN_AIR:
         air = force[:touched]
         early, late = air[: 3 * touched // 4], air[3 * touched // 4 :]
         rise = np.abs(late.mean(axis=0) - early.mean(axis=0))
         if np.all(rise <= _AT_REST * _error(late)):
-            level = np.linalg.norm(air.mean(axis=0) / np.maximum(np.abs(force).max(axis=0), 1e-12))
-            return air if level < _AIR * usual else None
+            level = np.linalg.norm(air.mean(axis=0) / np.maximum(np.abs(added).max(axis=0), 1e-12))
+            return early if level < _AIR * usual else None
         touched = int(_SHORTER * touched)
     return None
 

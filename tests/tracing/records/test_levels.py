@@ -201,6 +201,19 @@ def test_air_after_the_cut_shows_the_zero_of_a_turning_tool(turning_cut):
         np.testing.assert_allclose(found.force_n.mean(axis=0), (-40.0, 80.0, -15.0), atol=0.2)
 
 
+def test_a_zero_of_two_fifths_of_the_force_is_still_told_from_the_cut(turning_cut):
+    generator, cutting = np.random.default_rng(3), np.array([-40.0, 80.0, -30.0])
+    time = np.arange(500) / RATE_HZ
+    shape = np.clip((time - 0.5) / 0.02, 0.0, 1.0)
+    trials = []
+    for index, zero in enumerate([(15.0, -30.0, 11.0), (-14.0, 5.0, -12.0), (2.0, 32.0, 4.0)]):
+        force = np.outer(shape, cutting) + zero + generator.normal(0.0, 0.5, (500, 3))
+        trials.append(turning_cut(time, force, file=f"{index}.csv"))
+    tool, sensor = ToolInfo("turning", 1, 0.03), Sensor(RATE_HZ, zeroed="trial")
+    for found in as_levels(Dataset(name="cuts", tool=tool, sensor=sensor, trials=tuple(trials))).trials:
+        np.testing.assert_allclose(found.force_n.mean(axis=0), cutting, atol=0.2)
+
+
 def test_what_wear_does_within_a_hole_counts_in_the_error():
     def wearing(trial: Trial, position: np.ndarray, inside: np.ndarray) -> Trial:
         more = 60.0 * (trial.cut_length_before_m + position - 0.5 * position[-1])
