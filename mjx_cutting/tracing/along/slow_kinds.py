@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.cutting.effects.layered_material import BORDER_M
+from mjx_cutting.tracing.along.end_layer import at_the_end
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
@@ -73,21 +74,6 @@ def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
     ends = here[0] + here[1]
     pairs = [(here[0] + a, ends + b - here[0] - a) for a in shift for b in shift]
     return np.asarray([pair for pair in pairs if pair[1] > 0.2 * step])
-
-
-def _layer_at_the_end(courses: Sequence[Course], effect: AbstractEffect) -> str:
-    """A layer of less force from the very end of the paths is a tool that is not yet, or no more, engaged."""
-    change, start, length = (float(effect.values()[name]) for name in ("change", "start_m", "length_m"))
-    low = min(float(each.position_m.min()) for each in courses)
-    high = max(float(each.position_m.max()) for each in courses)
-    near = _END_SHARE * (high - low)
-    if change < 0.0 and (start < low + near or start + length > high - near) and length < 0.5 * (high - low):
-        place = "first" if start < low + near else "last"
-        return (
-            f"force is missing over the {place} {1e3 * length:.1f} mm of the path: the tool enters or leaves "
-            "the sheet there; cut the records down to where it is engaged"
-        )
-    return ""
 
 
 def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
@@ -156,7 +142,6 @@ def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
 
 
 _MAINS_STRAY_HZ = 0.06
-_END_SHARE = 0.01
 _RESOLVED = 1.5
 _FEWEST_APART = 3
 _AS_LARGE = 0.25
@@ -172,7 +157,7 @@ KINDS: tuple[Kind, ...] = (
         _layer_effect,
         several=True,
         shared=True,
-        rather=_layer_at_the_end,
+        rather=at_the_end,
         refine=_layers_near,
         sums=_layer_sums,
     ),

@@ -1,0 +1,64 @@
+"""Is a layer of less force at an end of the paths a softer layer, or a tool not yet fully in the sheet?
+
+A tool that enters or leaves is short of force too, but the less the deeper in it is: its arc fills over some
+way. A softer layer is short by the same share all the way to its border. So a layer that reaches the end of
+the paths passes only where an even share leaves less than any that fades.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.tracing.records.course import Course
+
+_NEAR = 0.01
+_LONGER = (1.0, 1.5, 2.0, 3.0)
+_POWERS = (1.0, 2.0)
+_SURELY = 1.05
+Array = NDArray[np.floating]
+
+
+def at_the_end(courses: Sequence[Course], layer: AbstractEffect) -> str:
+    """Why a `layer` fitted to `courses` is refused that may be a tool not yet, or no more, fully in the
+    sheet; empty where it is not."""
+    change, start, length = (float(layer.values()[name]) for name in ("change", "start_m", "length_m"))
+    low = min(float(each.position_m.min()) for each in courses)
+    high = max(float(each.position_m.max()) for each in courses)
+    near = _NEAR * (high - low)
+    first, last = start < low + near, start + length > high - near
+    if change >= 0.0 or not (first or last) or length >= 0.5 * (high - low):
+        return ""
+    reach = start + length - low if first else high - start
+    if _even(courses, lambda course: course.position_m - low if first else high - course.position_m, reach):
+        return ""
+    side = "first" if first else "last"
+    return (
+        f"force is missing over the {side} {1e3 * length:.1f} mm of the path: the tool enters or leaves the "
+        "sheet there; cut the records down to where it is engaged"
+    )
+
+
+def _even(courses: Sequence[Course], way_in_m: Callable[[Course], Array], reach_m: float) -> bool:
+    """Whether what is missing within `reach_m` of an end is an even share of the force rather than one that
+    fades."""
+
+    def taken(share: Callable[[Array], Array]) -> float:
+        """By how much a share of the force, over the way in and beside a bias, lowers the squared error."""
+        product = size = 0.0
+        for course in courses:
+            column = share(way_in_m(course))[:, None] * course.force(1.0)
+            column = column - column.mean(axis=0)
+            product += float(np.sum(column * course.left_n))
+            size += float(np.sum(column**2))
+        return product**2 / max(size, 1e-300)
+
+    fading = max(
+        taken(lambda way, k=longer, p=power: np.clip(1.0 - way / (k * reach_m), 0.0, 1.0) ** p)  # type: ignore[misc]
+        for longer in _LONGER
+        for power in _POWERS
+    )
+    return taken(lambda way: np.asarray(way < reach_m, float)) > _SURELY * fading
