@@ -30,7 +30,7 @@ _AT_ONCE = 0.3
 _AT_ONCE_TURNS = 4
 FEWEST_TURNS = 1.0
 SURELY_TURNS = 3.0
-_LEAST_TURNS = 10.0
+_LEAST_TURNS = 6.0
 _FEWEST_IN_AIR = 10
 Array = NDArray[np.floating]
 
@@ -54,15 +54,15 @@ class Engaged:
         return f"{said}; they were traced where it is in the cut ({told})"
 
 
-def engaged(dataset: Dataset, fewest_turns: float = FEWEST_TURNS) -> Engaged | None:
-    """The trials where their tools are in the cut; None where no record begins or ends in the air for so many
-    turns."""
+def engaged(dataset: Dataset, shown_by_turns: float = FEWEST_TURNS) -> Engaged | None:
+    """The trials where their tools are in the cut; None where no record begins or ends in the air for
+    `shown_by_turns`."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    stays = {
-        trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool, fewest_turns)) is not None
-    }
-    if not stays:
+    if not any(_stay(trial, dataset.tool, shown_by_turns) is not None for trial in cuts):
         return None
+    stays = {
+        trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool, FEWEST_TURNS)) is not None
+    }
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
     zeroed = shown and dataset.sensor.zeroed == "trial"
     read = [_at_zero(trial, stays) if zeroed else trial for trial in dataset.trials]
@@ -88,7 +88,7 @@ def cut_down(
     """The trials with those in `parts` cut down to where the tool is fully in the cut.
 
     Arguments:
-        parts: by file, the way along the path [T], m, and the samples kept. Where these are fewer than ten
+        parts: by file, the way along the path [T], m, and the samples kept. Where these are fewer than six
             turns of the spindle, or than `least_samples`, the trial is left out.
     """
     trials, left_out = [], list(dataset.left_out)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.ends import way_in_m
-from mjx_cutting.tracing.along.engaged import engaged
+from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
 
@@ -74,9 +75,10 @@ def test_a_sheet_shorter_than_the_way_in_never_holds_the_tool_fully(saw):
 
 def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whole(mill):
     made = mill()
-    late = made.trials[2]
-    force = np.where(late.time_s[:, None] < 0.65 * late.time_s[-1], 0.0, late.force_n)
-    trials = (*made.trials[:2], replace(late, force_n=force), *made.trials[3:])
+    late, half = made.trials[2], slice(2000)
+    force = np.where(late.time_s[:, None] < 0.26, 0.0, late.force_n)
+    late = replace(late, time_s=late.time_s[half], force_n=force[half])
+    trials = (*made.trials[:2], late, *made.trials[3:])
     found = engaged(replace(made, trials=trials))
     assert found is not None and found.spans_s == {}
     assert [each.file for each in found.dataset.left_out] == [late.file]
@@ -84,11 +86,13 @@ def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whol
     assert str(found).endswith("so they are left out")
 
 
-def test_two_turns_of_air_are_air(saw):
-    """Of a spindle that turns slowly, two turns are a good part of a record."""
+@pytest.mark.parametrize("once", [2.0, 4.0])
+def test_two_turns_of_air_are_air(saw, once):
+    """Of a spindle that turns slowly, two turns are a good part of a record; where the ends of the sheet are
+    known, more of them in one record show that they are not."""
     made, trials, times = saw(), [], {}
     for trial in made.trials:
-        air_s = 2.0 / trial.spindle_speed_rev_s
+        air_s = (once if not trials else 2.0) / trial.spindle_speed_rev_s
         first, last = air_s, trial.time_s[-1] - air_s
         cutting = (trial.time_s >= first) & (trial.time_s <= last)
         trials.append(replace(trial, force_n=np.where(cutting[:, None], trial.force_n, 0.5)))
@@ -98,6 +102,23 @@ def test_two_turns_of_air_are_air(saw):
     for file, (low, high) in found.spans_s.items():
         first, last = times[file]
         assert first <= low < first + 0.15 and last - 0.15 < high <= last
+    surely = engaged(replace(made, trials=tuple(trials)), SURELY_TURNS)
+    assert (surely is not None) == (once > SURELY_TURNS)
+    if surely is not None:
+        assert surely.spans_s == found.spans_s
+
+
+@pytest.mark.parametrize(("turns", "kept"), [(5.0, False), (7.5, True)])
+def test_six_turns_in_the_cut_are_enough(saw, turns, kept):
+    made = saw()
+    last = made.trials[-1]
+    recorded = last.time_s < 14.0 / last.spindle_speed_rev_s
+    cutting = last.time_s < (turns + 1.0) / last.spindle_speed_rev_s  # the last turn is trimmed
+    force = np.where(cutting[:, None], last.force_n, 0.0)
+    short = replace(last, time_s=last.time_s[recorded], force_n=force[recorded])
+    found = engaged(replace(made, trials=(*made.trials[:-1], short)))
+    assert found is not None and (short.file in found.spans_s) == kept
+    assert [each.file for each in found.dataset.left_out] == ([] if kept else [short.file])
 
 
 def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
