@@ -50,7 +50,8 @@ class Parameter(NamedTuple):
 
     Fields:
         unit: SI unit, "1" when there is none.
-        low, high: physical range; a fit outside it is refused.
+        low, high: physical range; a fit at or beyond an end of it is refused, so it reaches a little further
+            than what was published (`source`).
         identity: value at which the effect vanishes, or None when the parameter only shapes it.
         typical: scale of a usual value; the fit works in units of it.
         log: True when the fit should work on the logarithm (positive, over decades).

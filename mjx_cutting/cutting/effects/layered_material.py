@@ -38,7 +38,7 @@ class LayeredMaterial(AbstractEffect):
     stage = "edge"
     strength = "change"
     parameters = {
-        "change": Parameter("1", -1.05, 5.0, 0.0, 0.5, source="-1 is a void"),
+        "change": Parameter("1", -1.15, 5.0, 0.0, 0.5, source="-1 is a void"),
         "start_m": Parameter("m", -1.0, 10.0, None, 0.0),
         "length_m": Parameter("m", 1e-4, 10.0, None, 0.02, log=True),
     }

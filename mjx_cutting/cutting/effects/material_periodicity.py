@@ -42,7 +42,7 @@ class MaterialPeriodicity(AbstractEffect):
     stage = "edge"
     strength = "amplitude"
     parameters = {
-        "amplitude": Parameter("1", 0.0, 1.05, 0.0, 0.3, source="0.1-1"),
+        "amplitude": Parameter("1", 0.0, 1.15, 0.0, 0.3, source="0.1-1"),
         "wavelength_m": Parameter("m", 1e-3, 5e-2, None, 5e-3, log=True, source="2-10 mm"),
         "phase_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
         "edge_share": Parameter("1", 0.0, 1.0, None, 0.0),

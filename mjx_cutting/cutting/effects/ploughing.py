@@ -41,7 +41,7 @@ class Ploughing(AbstractEffect):
     alike = True
     parameters = {
         "minimum_chip_m": Parameter(
-            "m", 0.0, 4e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-100 um"
+            "m", 0.0, 5e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-100 um"
         ),
         "ratio": Parameter("1", 0.5, 30.0, None, 3.0, log=True, length=3, source="working knowledge"),
     }

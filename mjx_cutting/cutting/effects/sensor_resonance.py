@@ -40,7 +40,7 @@ class SensorResonance(AbstractEffect):
     strength = "frequency_hz"
     parameters = {
         "frequency_hz": Parameter(
-            "Hz", 100.0, 1500.0, BEYOND_HZ, TYPICAL_HZ, log=True, source="100-1500 Hz, working knowledge"
+            "Hz", 80.0, 1900.0, BEYOND_HZ, TYPICAL_HZ, log=True, source="100-1500 Hz, working knowledge"
         ),
         "damping": Parameter("1", 0.005, 0.5, None, 0.05, log=True, source="0.5-50 %, working knowledge"),
     }
@@ -65,7 +65,7 @@ class SensorResonance(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.log([[share, 0.5] for share in np.geomspace(0.3, 3.5, 9)])
+        return np.log([[share, 0.5] for share in np.geomspace(0.25, 4.5, 10)])
 
     @classmethod
     def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:

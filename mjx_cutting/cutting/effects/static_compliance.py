@@ -44,7 +44,7 @@ class StaticCompliance(AbstractEffect):
     stage = "structure"
     strength = "compliance_m_n"
     parameters = {
-        "compliance_m_n": Parameter("m/N", 0.0, 2e-3, 0.0, 1e-5, source="K = 0.0005-1 N/um"),
+        "compliance_m_n": Parameter("m/N", 0.0, 2.5e-3, 0.0, 1e-5, source="K = 0.0005-1 N/um"),
     }
     per_turn = True
     signature = "force concave in load, slow entry, dependent on pose"

@@ -37,7 +37,7 @@ class Unbalance(AbstractEffect):
     stage = "tool"
     strength = "moment_kg_m"
     parameters = {
-        "moment_kg_m": Parameter("kg m", 0.0, 1e-4, 0.0, _TYPICAL_KG_M, source="1-100 g mm"),
+        "moment_kg_m": Parameter("kg m", 0.0, 1.25e-4, 0.0, _TYPICAL_KG_M, source="1-100 g mm"),
         "phase_rad": Parameter("rad", -np.pi, np.pi, None, 0.0),
     }
     signature = "one line at the spindle frequency, with the square of the speed, in air too"
