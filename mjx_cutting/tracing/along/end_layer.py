@@ -1,8 +1,9 @@
 """Is a layer of less force at an end of the paths a softer layer, or a tool not yet fully in the sheet?
 
 A tool that enters or leaves is short of force too, but the less the deeper in it is: its arc fills over some
-way. A softer layer is short by the same share all the way to its border. So a layer that reaches the end of
-the paths passes only where an even share leaves less than any that fades.
+way; in the air all is missing. A softer layer is short by the same share all the way to its border. So one
+that reaches the end of the paths passes only where an even share, of less than half of the force, explains
+more than any that fades.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.records.course import Course
 
 _NEAR = 0.01
+_AIR = 0.5
 _LONGER = (1.0, 1.5, 2.0, 3.0)
 _POWERS = (1.0, 2.0)
 _SURELY = 1.05
@@ -33,7 +35,8 @@ def at_the_end(courses: Sequence[Course], layer: AbstractEffect) -> str:
     if change >= 0.0 or not (first or last) or length >= 0.5 * (high - low):
         return ""
     reach = start + length - low if first else high - start
-    if _even(courses, lambda course: course.position_m - low if first else high - course.position_m, reach):
+    way_in = (lambda course: course.position_m - low) if first else (lambda course: high - course.position_m)
+    if change > -_AIR and _even(courses, way_in, reach):
         return ""
     side = "first" if first else "last"
     return (

@@ -42,14 +42,17 @@ def _courses(missing, from_the_end: bool) -> list[Course]:
     ("missing", "word"),
     [
         (lambda way: 0.3 * (way < 1.0), ""),
+        (lambda way: 0.9 * (way < 1.0), "last"),
         (lambda way: 0.6 * np.clip(1.0 - way, 0.0, 1.0), "last"),
         (lambda way: 1.0 - np.sqrt(np.clip(way, 0.0, 1.0)), "last"),
     ],
-    ids=["even", "fading", "as an arc fills"],
+    ids=["even", "air", "fading", "as an arc fills"],
 )
 def test_a_layer_at_an_end_is_one_only_where_it_is_even(missing, word, from_the_end):
     layer = effect_class("layered_material")(
-        change=-0.3, start_m=LONGEST_M - BORDER_M if from_the_end else 0.0, length_m=BORDER_M
+        change=-min(float(np.mean(missing(np.linspace(0.0, 1.0, 99)))), 1.0),
+        start_m=LONGEST_M - BORDER_M if from_the_end else 0.0,
+        length_m=BORDER_M,
     )
     why = at_the_end(_courses(missing, from_the_end), layer)
     assert (why == "") == (word == "")
