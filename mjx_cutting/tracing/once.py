@@ -36,6 +36,8 @@ from mjx_cutting.trials.dataset import Dataset
 _SWALLOWED = 0.002
 _MUCH = 0.05
 _TIMES = 2
+_MOST_TIMES = 8
+_SETTLED = 0.9
 _MUCH_OF_IT = 0.4
 _LEFT = 0.12
 Array = NDArray[np.floating]
@@ -92,7 +94,9 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searche
     hidden = share < _SWALLOWED
     if taken is None or (hidden and _complete(first)):
         return first
-    for _ in range(1 if hidden else _TIMES):
+    found = first
+    for time in range(1 if hidden else _MOST_TIMES):
+        error = found.final.nrmse
         searches.progress("once more, without what was found along the trials")
         rest = _refitted(first, _without(first.dataset, taken), kinds, share, searches)
         after, before = _on_the_whole(first.dataset, rest, taken)
@@ -105,6 +109,8 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searche
         taken = _whole(found)
         if taken is None:
             return first
+        if time + 1 >= _TIMES and found.final.nrmse > _SETTLED * error:
+            break
     return found
 
 

@@ -16,6 +16,7 @@ from mjx_cutting.tracing.records.blocks import block_edges, block_means
 from mjx_cutting.tracing.records.course import Course
 
 _PHASES = 256
+_NEARLY = 0.02
 _ALIGNED = 8
 _MOST_BLOCKS = 8192
 _SHAPES_AT_ONCE = 32
@@ -177,7 +178,8 @@ def solve(found: Sums, use: Array, weight: Array, shared: bool = False) -> tuple
     Arguments:
         use: [R] 1 for trials fitted to.
         weight: [3] 1 / standard deviation of each axis.
-        shared: whether that one is best which explains most in all trials but the one that it does most in.
+        shared: whether that one is best which explains most in all trials but the one that it does most in;
+            of those that do nearly as much there (its end may show in that one alone) the one that does most.
     """
     square = np.einsum("rpakl,r,a->pkl", found.square, use, weight**2)
     product = np.einsum("rpak,r,a->pk", found.product, use, weight**2)
@@ -185,8 +187,9 @@ def solve(found: Sums, use: Array, weight: Array, shared: bool = False) -> tuple
     ridge = (1e-9 * trace + 1e-30) * np.eye(square.shape[-1])
     coefficients = np.linalg.solve(square + ridge, product[..., None])[..., 0]
     fall = np.einsum("pk,pk->p", coefficients, product)
-    alone = _most_in_one(found, use, weight, coefficients) if shared else 0.0
-    best = int(np.argmax(fall - alone))
+    in_others = fall - _most_in_one(found, use, weight, coefficients) if shared else fall
+    most = float(in_others.max())
+    best = int(np.argmax(np.where(in_others >= most - _NEARLY * abs(most), fall, -np.inf)))
     return best, coefficients[best], fall
 
 

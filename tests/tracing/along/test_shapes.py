@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.along.shapes import solve, sums
+from mjx_cutting.tracing.along.shapes import Sums, solve, sums
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.records.course import Course
 
@@ -105,3 +105,12 @@ def test_blocks_of_a_long_record_are_short_against_a_layer():
 
 def _sample_by_sample(kind):
     return lambda trials, shapes: sums(kind.columns, trials, shapes)
+
+
+def test_where_a_place_ends_may_show_in_one_trial_alone_but_not_that_it_is_there():
+    """What three trials [R] explain of shapes [P], in units in which the best coefficient is one."""
+    explained = np.array([[1.0, 1.0, 5.0], [1.0, 1.0, 8.0], [0.0, 0.0, 20.0]]).T
+    found = Sums(explained[:, :, None, None, None], explained[:, :, None, None])
+    best, coefficients, _ = solve(found, np.ones(3), np.ones(1), shared=True)
+    assert best == 1 and coefficients == pytest.approx([1.0])
+    assert solve(found, np.ones(3), np.ones(1))[0] == 2

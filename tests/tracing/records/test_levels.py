@@ -263,6 +263,37 @@ def test_records_without_a_cut_are_refused_in_words():
         trace(replace(drills, trials=idle))
 
 
+def test_a_bar_that_is_softer_from_some_place_on_is_named_with_its_share(turning_cut):
+    """Only the quickest cuts get there, and one of them alone goes on: the others say where it begins."""
+    generator, trials = np.random.default_rng(6), []
+    time = np.arange(400) / RATE_HZ
+    law = (np.array([-9e8, 2e9, -7e8]), np.array([-4e4, 5e4, -3e4]))
+    for index, chip_m in enumerate(1e-6 * np.array([50, 70, 170, 120, 50, 240, 60, 120, 340])):
+        feed = 15.0 * chip_m
+        place = feed * time
+        force = 1e-3 * (chip_m * law[0] + law[1]) * np.where(place > 1.35e-3, 0.8, 1.0)[:, None]
+        cut = turning_cut(time, force + generator.normal(0.0, 1.0, force.shape), file=f"{index}.csv")
+        trials.append(
+            replace(
+                cut,
+                spindle_speed_rev_s=15.0,
+                feed_speed_m_s=feed,
+                radial_depth_m=1e-3,
+                axial_width_m=1e-3,
+                position_m=np.stack([place, 0.0 * place, 0.0 * place], axis=1),
+            )
+        )
+    tool, sensor = ToolInfo("turning", 1, 0.03), Sensor(RATE_HZ, (1.0, 1.0, 1.0), zeroed="session")
+    made = Dataset(name="bar", tool=tool, sensor=sensor, trials=tuple(trials))
+    verdict = trace(made, effects=("layered_material",)).verdict
+    (layer,) = verdict["effects"]
+    told = {name: each["value"] for name, each in layer["parameters"].items()}
+    ends = (told["start_m"], told["start_m"] + told["length_m"])
+    assert min(abs(1.35e-3 - end) for end in ends) < 2e-5
+    assert 1.0 + told["change"] == pytest.approx(0.8 if told["change"] < 0.0 else 1.25, rel=0.02)
+    assert verdict["after"]["heldout_nrmse"] < 2.0 * verdict["noise_floor_nrmse"]
+
+
 @pytest.mark.slow
 @pytest.mark.measured
 def test_measured_drills_wear(measured_data):
