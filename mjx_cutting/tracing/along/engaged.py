@@ -28,10 +28,12 @@ _USUAL = 75.0
 _CLEAR = 1.1
 _AT_ONCE = 0.3
 _AT_ONCE_TURNS = 4
-FEWEST_TURNS = 1.0
+FEWEST_TURNS = 0.25
 SURELY_TURNS = 3.0
 _LEAST_TURNS = 6.0
 _FEWEST_IN_AIR = 10
+_FEWEST_A_PITCH = 4
+_LONGER = 1.5
 Array = NDArray[np.floating]
 
 
@@ -138,35 +140,41 @@ def touches_m(dataset: Dataset) -> NDArray[np.floating]:
     found = []
     for trial in dataset.trials:
         if trial.kind == "cut":
-            touching, _, turn = _sizes(trial)
+            touching, _, turn = _sizes(trial, dataset.tool.teeth)
             in_air = touching[0] >= round(SURELY_TURNS * turn)
             found.append(along_path(trial)[touching[0]] if in_air else np.nan)
     return np.asarray(found)
 
 
-def _sizes(trial: Trial) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Samples at which the force over a turn is more than next to none, and at which it has reached its
-    level; samples a turn."""
+def _sizes(trial: Trial, teeth: int) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Samples at which the force over a tooth's pitch is more than next to none, and that over a turn has
+    reached its level; samples a turn."""
     rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
     turn = max(round(rate_hz / trial.spindle_speed_rev_s), 1)
-    mean, square = (
-        uniform_filter1d(each, turn, axis=0, mode="nearest") for each in (trial.force_n, trial.force_n**2)
-    )
+    mean = uniform_filter1d(trial.force_n, turn, axis=0, mode="nearest")
+    square = uniform_filter1d(trial.force_n**2, turn, axis=0, mode="nearest")
     swing = np.sqrt(np.maximum(np.sum(square - mean**2, axis=1), 0.0))
     quiet = int(np.argmin(swing))
     # where nothing swings but where the teeth do, what is left is the sensor's zero
     zero = mean[quiet] if swing[quiet] < _STILL * np.percentile(swing, _USUAL) else np.zeros(3)
-    size = np.sqrt(np.maximum(np.sum(square - 2.0 * zero * mean + zero**2, axis=1), 0.0))
-    level = float(np.percentile(size, _USUAL))
+    energy = np.sum((trial.force_n - zero) ** 2, axis=1)
+    pitch = max(round(turn / teeth), min(_FEWEST_A_PITCH, turn))
+    over_pitch, over_turn = (
+        np.sqrt(np.maximum(uniform_filter1d(energy, each, mode="nearest"), 0.0)) for each in (pitch, turn)
+    )
+    level = float(np.percentile(over_turn, _USUAL))
     # of a record of no force at all every sample is at its level
-    return np.flatnonzero(size >= _AIR * level), np.flatnonzero(size >= _LEVEL * level), turn
+    return np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level), turn
 
 
 def _stay(trial: Trial, tool: ToolInfo, fewest_turns: float) -> _Stay | None:
     """Where the tool is in the cut; None where it is from the first sample to the last."""
     rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
-    touching, full, turn = _sizes(trial)
-    least = round(fewest_turns * turn)
+    touching, full, turn = _sizes(trial, tool.teeth)
+    gaps = np.diff(touching)
+    # teeth that miss leave gaps within every turn
+    usual = int(np.max(gaps[gaps < turn], initial=1))
+    least = max(round(fewest_turns * turn), round(_LONGER * usual))
     last_sample = len(trial.time_s) - 1
     before, after = int(touching[0]), last_sample - int(touching[-1])
     if max(before, after) < least:

@@ -121,6 +121,21 @@ def test_six_turns_in_the_cut_are_enough(saw, turns, kept):
     assert [each.file for each in found.dataset.left_out] == ([] if kept else [short.file])
 
 
+def test_half_a_turn_of_air_is_air_and_teeth_that_miss_are_none(mill):
+    """One tooth of four that cuts in every turn leaves as long a gap, but in every turn."""
+    made, short, lone = mill(), [], []
+    for trial in made.trials:
+        turn = trial.time_s * trial.spindle_speed_rev_s
+        cutting = (turn < turn[-1] - 0.6)[:, None]
+        short.append(replace(trial, force_n=np.where(cutting, trial.force_n, 0.0)))
+        lone.append(replace(trial, force_n=np.where((turn % 1.0 < 0.4)[:, None], trial.force_n, 0.0)))
+    found = engaged(replace(made, trials=tuple(short)))
+    assert found is not None and set(found.spans_s) == {trial.file for trial in short}
+    for trial in short:
+        assert found.spans_s[trial.file][1] <= trial.time_s[-1] - 0.6 / trial.spindle_speed_rev_s
+    assert engaged(replace(made, trials=tuple(lone))) is None
+
+
 def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
     assert engaged(mill()) is None and engaged(saw()) is None
 
