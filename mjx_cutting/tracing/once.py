@@ -95,7 +95,7 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searche
     if taken is None or (hidden and _complete(first)):
         return first
     found = first
-    for time in range(1 if hidden else _MOST_TIMES):
+    for made in range(1 if hidden else _MOST_TIMES):
         error = found.final.nrmse
         searches.progress("once more, without what was found along the trials")
         rest = _refitted(first, _without(first.dataset, taken), kinds, share, searches)
@@ -109,7 +109,7 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searche
         taken = _whole(found)
         if taken is None:
             return first
-        if time + 1 >= _TIMES and found.final.nrmse > _SETTLED * error:
+        if made + 1 >= _TIMES and found.final.nrmse > _SETTLED * error:
             break
     return found
 

@@ -18,7 +18,7 @@ from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.ends import NAME as ENDS
-from mjx_cutting.tracing.along.engaged import FEWEST_TURNS, SURELY_TURNS, Engaged, engaged
+from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
@@ -195,7 +195,7 @@ def _where_engaged(
     if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return found, None
     known = any(kind.name == ENDS for kind in found.kinds)
-    part = engaged(found.dataset, SURELY_TURNS if known else FEWEST_TURNS)
+    part = engaged(found.dataset, SURELY_TURNS if known else 0.0)
     if part is None:
         return found, None
     inside = one_pass(part.dataset)

@@ -268,7 +268,7 @@ def parse_entry(keys: Keys, file: str, tool: ToolInfo) -> Entry:
     conditions["spindle_speed_rev_s"] = keys.number("spindle_speed_rev_s", above=0.0)
     conditions["feed_speed_m_s"] = _positive_when_cutting(keys, "feed_speed_m_s", cutting)
     for key, other in (_SIZES, _SIZES[::-1]):
-        if keys.absent(key) and (told := _size(keys, key, other, tool, conditions)) is not None:
+        if keys.absent(key) and (told := _size(keys, other, tool, cutting)) is not None:
             conditions[key] = told
         else:
             conditions[key] = _positive_when_cutting(keys, key, cutting)
@@ -288,15 +288,15 @@ HISTORY = ("cut_length_before_m", "clock_start_s", "tool_id")
 _SIZES = ("radial_depth_m", "axial_width_m")
 
 
-def _size(keys: Keys, key: str, other: str, tool: ToolInfo, conditions: dict[str, Any]) -> float | None:
-    """A cut's size, m, where it is not given and the rest of the entry leaves no doubt: of a drill the
-    tool's, on a lathe that of the `other` key, in air none; None elsewhere."""
+def _size(keys: Keys, other: str, tool: ToolInfo, cutting: bool) -> float | None:
+    """Depth or width, m, where it is not given and the rest of the entry leaves no doubt: of a drill the
+    tool's, in air none, on a lathe that of the `other` key; None elsewhere."""
     if tool.kind == "drill":
         return tool.diameter_m / 2
-    if conditions["kind"] == "air":
+    if not cutting:
         return 0.0
     if tool.kind == "turning" and not keys.absent(other):
-        return keys.number(other, least=0.0)
+        return keys.number(other, above=0.0)
     return None
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+from typing import Any
 
 import pytest
 
@@ -273,7 +274,7 @@ def test_drills_need_no_milling_depth_or_width_and_their_axes_keep_thrust_along_
 
 
 def test_turning_needs_depth_or_width_but_no_milling():
-    document = {
+    document: dict[str, Any] = {
         "format": "mjx-cutting-trials/1",
         "tool": {"kind": "turning", "teeth": 1, "diameter_m": 0.05},
         "sensor": {"sample_rate_hz": 250.0},
@@ -281,10 +282,10 @@ def test_turning_needs_depth_or_width_but_no_milling():
     }
     assert "radial_depth_m" in parse_manifest(document, name="d").left_out[0].reason
     for key in ("radial_depth_m", "axial_width_m"):
-        one = document | {"trials": [document["trials"][0] | {key: 0.001}]}  # type: ignore[dict-item]
+        one = document | {"trials": [document["trials"][0] | {key: 0.001}]}
         conditions = parse_manifest(one, name="d").entries[0].conditions
         assert (conditions["radial_depth_m"], conditions["axial_width_m"]) == (0.001, 0.001)
-    document["trials"][0] |= {"radial_depth_m": 0.001, "axial_width_m": 0.0002}  # type: ignore[index]
+    document["trials"][0] |= {"radial_depth_m": 0.001, "axial_width_m": 0.0002}
     assert parse_manifest(document, name="d").entries[0].conditions["milling"] is None
 
 

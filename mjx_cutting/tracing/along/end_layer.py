@@ -8,7 +8,7 @@ more than any that fades.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,8 @@ def at_the_end(courses: Sequence[Course], layer: AbstractEffect) -> str:
     if change >= 0.0 or not (first or last) or length >= 0.5 * (high - low):
         return ""
     reach = start + length - low if first else high - start
-    way_in = (lambda course: course.position_m - low) if first else (lambda course: high - course.position_m)
-    if change > -_AIR and _even(courses, way_in, reach):
+    ways = [each.position_m - low if first else high - each.position_m for each in courses]
+    if change > -_AIR and _even(courses, ways, reach):
         return ""
     side = "first" if first else "last"
     return (
@@ -45,23 +45,24 @@ def at_the_end(courses: Sequence[Course], layer: AbstractEffect) -> str:
     )
 
 
-def _even(courses: Sequence[Course], way_in_m: Callable[[Course], Array], reach_m: float) -> bool:
-    """Whether what is missing within `reach_m` of an end is an even share of the force rather than one that
-    fades."""
-
-    def taken(share: Callable[[Array], Array]) -> float:
-        """By how much a share of the force, over the way in and beside a bias, lowers the squared error."""
-        product = size = 0.0
-        for course in courses:
-            column = share(way_in_m(course))[:, None] * course.force(1.0)
-            column = column - column.mean(axis=0)
-            product += float(np.sum(column * course.left_n))
-            size += float(np.sum(column**2))
-        return product**2 / max(size, 1e-300)
-
+def _even(courses: Sequence[Course], ways_m: Sequence[Array], reach_m: float) -> bool:
+    """Whether what is missing within `reach_m` of an end, `ways_m` [T] away from it, is an even share of the
+    force rather than one that fades."""
+    even = _taken(courses, [(way < reach_m).astype(float) for way in ways_m])
     fading = max(
-        taken(lambda way, k=longer, p=power: np.clip(1.0 - way / (k * reach_m), 0.0, 1.0) ** p)  # type: ignore[misc]
+        _taken(courses, [np.clip(1.0 - way / (longer * reach_m), 0.0, 1.0) ** power for way in ways_m])
         for longer in _LONGER
         for power in _POWERS
     )
-    return taken(lambda way: np.asarray(way < reach_m, float)) > _SURELY * fading
+    return even > _SURELY * fading
+
+
+def _taken(courses: Sequence[Course], shares: Sequence[Array]) -> float:
+    """By how much `shares` [T] of the force, beside a bias, lower the squared error, N^2."""
+    product = size = 0.0
+    for course, share in zip(courses, shares, strict=True):
+        column = share[:, None] * course.force(1.0)
+        column = column - column.mean(axis=0)
+        product += float(np.sum(column * course.left_n))
+        size += float(np.sum(column**2))
+    return product**2 / max(size, 1e-300)

@@ -28,7 +28,7 @@ _USUAL = 75.0
 _CLEAR = 1.1
 _AT_ONCE = 0.3
 _AT_ONCE_TURNS = 4
-FEWEST_TURNS = 0.25
+_FEWEST_TURNS = 0.25
 SURELY_TURNS = 3.0
 _LEAST_TURNS = 6.0
 _FEWEST_IN_AIR = 10
@@ -56,15 +56,13 @@ class Engaged:
         return f"{said}; they were traced where it is in the cut ({told})"
 
 
-def engaged(dataset: Dataset, shown_by_turns: float = FEWEST_TURNS) -> Engaged | None:
-    """The trials where their tools are in the cut; None where no record begins or ends in the air for
-    `shown_by_turns`."""
+def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
+    """The trials where their tools are in the cut; None where no record begins or ends in the air, or none
+    for `shown_by_turns`."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    if not any(_stay(trial, dataset.tool, shown_by_turns) is not None for trial in cuts):
+    stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool)) is not None}
+    if not any(stay.outside_turns >= shown_by_turns for stay in stays.values()):
         return None
-    stays = {
-        trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool, FEWEST_TURNS)) is not None
-    }
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
     zeroed = shown and dataset.sensor.zeroed == "trial"
     read = [_at_zero(trial, stays) if zeroed else trial for trial in dataset.trials]
@@ -128,11 +126,13 @@ def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
 @dataclass(frozen=True)
 class _Stay:
     """Where a tool is in the cut. Fields: `part` samples; `air` samples before the first touch; `touched_m`
-    places along the path where the force begins and ends, infinite where the record does."""
+    places along the path where the force begins and ends, infinite where the record does; `outside_turns`
+    turns in the air at the end at which there are more."""
 
     part: slice
     air: int
     touched_m: tuple[float, float]
+    outside_turns: float
 
 
 def touches_m(dataset: Dataset) -> NDArray[np.floating]:
@@ -167,14 +167,14 @@ def _sizes(trial: Trial, teeth: int) -> tuple[NDArray[np.int64], NDArray[np.int6
     return np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level), turn
 
 
-def _stay(trial: Trial, tool: ToolInfo, fewest_turns: float) -> _Stay | None:
+def _stay(trial: Trial, tool: ToolInfo) -> _Stay | None:
     """Where the tool is in the cut; None where it is from the first sample to the last."""
     rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
     touching, full, turn = _sizes(trial, tool.teeth)
     gaps = np.diff(touching)
     # teeth that miss leave gaps within every turn
     usual = int(np.max(gaps[gaps < turn], initial=1))
-    least = max(round(fewest_turns * turn), round(_LONGER * usual))
+    least = max(round(_FEWEST_TURNS * turn), round(_LONGER * usual))
     last_sample = len(trial.time_s) - 1
     before, after = int(touching[0]), last_sample - int(touching[-1])
     if max(before, after) < least:
@@ -197,4 +197,5 @@ def _stay(trial: Trial, tool: ToolInfo, fewest_turns: float) -> _Stay | None:
         float(place[touching[0]]) if before >= least else -np.inf,
         float(place[touching[-1]]) if after >= least else np.inf,
     )
-    return _Stay(slice(first, last + 1), max(before - turn, 0) if before >= least else 0, touched)
+    air = max(before - turn, 0) if before >= least else 0
+    return _Stay(slice(first, last + 1), air, touched, max(before, after) / turn)

@@ -254,6 +254,10 @@ class Descent:
         cost = 0.5 * (squares - air + np.sum(beside**2, axis=1))
         return Fit(x, cost, squares, rows.error_n2, self.models(x), np.isfinite(cost))  # type: ignore[arg-type]
 
+    def squares_left(self, x: Matrix) -> Matrix:
+        """[F] what is left over all trials at unknowns `x` [F, U], squared, weighted, without penalties."""
+        return np.asarray(self.fits(x, np.ones((len(x), self.problem.trials))).squares)
+
 
 def _residual(weighted: Matrix, beyond: Matrix) -> Matrix:
     """[n, M + B] finite, from what is left of the cuts [n, R, P, 3] and what stands beside them [n, B]."""

@@ -72,7 +72,7 @@ def rather_multiplied(problem: Problem, effects: Effects, found: Fit) -> str | N
         descent = Descent(problem, (*effects[:-1], grown))
         starts = [np.concatenate([rest, [0.3, np.log(tau)]]) for tau in _STARTS]
         x = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
-        left = float(np.asarray(descent.fits(x[None], np.ones((1, problem.trials))).squares)[0])
+        left = float(descent.squares_left(x[None])[0])
         if left < _MUCH_LESS * float(found.squares):
             ratio = float(found.squares) / max(left, 1e-300)
             return f"a factor on all of the force that grows with {what} leaves {ratio:.3g} times less"

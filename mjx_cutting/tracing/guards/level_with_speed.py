@@ -59,7 +59,7 @@ def rather_with_speed(problem: Problem, effects: Effects, found: Fit) -> str | N
     rest = np.asarray(found.x)[: -ThermalDrift.size(problem.tool)]
     descent = Descent(problem, (*effects[:-1], LevelWithSpeed))
     x, _ = descent.descend(np.append(rest, np.zeros(LevelWithSpeed.size(problem.tool))), _STEPS)
-    left = float(np.asarray(descent.fits(x[None], np.ones((1, problem.trials))).squares)[0])
+    left = float(descent.squares_left(x[None])[0])
     if left >= float(found.squares):
         return None
     ratio = float(found.squares) / max(left, 1e-300)

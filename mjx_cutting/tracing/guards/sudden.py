@@ -16,7 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Tool
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.abstract import EdgeForce
@@ -29,6 +29,7 @@ from mjx_cutting.tracing.fitting.problem import Problem
 _MUCH_LESS = 0.5
 _MOST_PLACES = 32
 _STEPS = 3
+_ONSET = Parameter("1", -1e9, 1e9, source="given")
 _ORDERS = {"clock_s": "s of the clock", "cut_length_m": "m of length cut"}
 
 
@@ -42,14 +43,9 @@ class Step(AbstractEffect):
     strength = "change"
     physical = False
     of: ClassVar[str]
-    usual: ClassVar[float]
 
     change: ArrayLike
     onset: ArrayLike
-
-    @classmethod
-    def build(cls, coordinates: Array, tool: Tool) -> AbstractEffect:
-        return cls(cls.usual * coordinates[:-1], coordinates[-1])
 
     def there(self, cut: Cut) -> Array:
         """[..., 3] the change at an instant, or [..., 1]."""
@@ -62,10 +58,9 @@ class StepOfTheZero(Step):
 
     name = "step_of_the_zero"
     stage = "sensor"
-    usual = 10.0
     parameters: ClassVar[dict[str, Parameter]] = {
         "change": Parameter("N", -1e5, 1e5, 0.0, 10.0, length=3, source="no physics: fitted"),
-        "onset": Parameter("1", -1e9, 1e9, None, 1.0, source="given"),
+        "onset": _ONSET,
     }
 
     def sense(self, force: Array, cut: Cut, model: ForceModel) -> Array:
@@ -77,10 +72,9 @@ class StepOfTheGain(Step):
 
     name = "step_of_the_gain"
     stage = "sensor"
-    usual = 0.1
     parameters: ClassVar[dict[str, Parameter]] = {
         "change": Parameter("1", -1.0, 1e2, 0.0, 0.1, length=1, source="no physics: fitted"),
-        "onset": Parameter("1", -1e9, 1e9, None, 1.0, source="given"),
+        "onset": _ONSET,
     }
 
     def sense(self, force: Array, cut: Cut, model: ForceModel) -> Array:
@@ -92,11 +86,10 @@ class StepOfTheEdge(Step):
 
     name = "step_of_the_edge"
     stage = "edge"
-    usual = 1e4
     alike = True
     parameters: ClassVar[dict[str, Parameter]] = {
         "change": Parameter("N/m", -1e8, 1e8, 0.0, 1e4, length=3, source="no physics: fitted"),
-        "onset": Parameter("1", -1e9, 1e9, None, 1.0, source="given"),
+        "onset": _ONSET,
     }
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
@@ -104,7 +97,7 @@ class StepOfTheEdge(Step):
         return force._replace(edge=force.edge + more)
 
 
-_STEPS_TRIED = (StepOfTheZero, StepOfTheGain, StepOfTheEdge)
+_TRIED = (StepOfTheZero, StepOfTheGain, StepOfTheEdge)
 
 
 def rather_sudden(problem: Problem, effects: Effects, found: Fit) -> str | None:
@@ -123,7 +116,7 @@ def rather_sudden(problem: Problem, effects: Effects, found: Fit) -> str | None:
     when = np.unique(np.asarray(getattr(problem.cut, of)))
     onsets = 0.5 * (when[1:] + when[:-1])
     onsets = onsets[np.unique(np.linspace(0, len(onsets) - 1, _MOST_PLACES).astype(int))]
-    tried = [(*_least(problem, effects[:-1], step, of, rest, onsets), step) for step in _STEPS_TRIED]
+    tried = [(*_least(problem, effects[:-1], step, of, rest, onsets), step) for step in _TRIED]
     squares, onset, step = min(tried, key=lambda each: each[0])
     if squares >= _MUCH_LESS * float(found.squares):
         return None
@@ -144,6 +137,6 @@ def _least(
     changes = np.zeros(step.size(problem.tool) - 1)
     starts = [np.concatenate([rest, changes, [onset]]) for onset in onsets]
     reached = np.stack([descent.descend(start, _STEPS)[0] for start in starts])
-    squares = np.asarray(descent.fits(reached, np.ones((len(reached), problem.trials))).squares)
+    squares = descent.squares_left(reached)
     best = int(np.argmin(squares))
     return float(squares[best]), float(onsets[best])

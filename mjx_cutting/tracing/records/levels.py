@@ -90,8 +90,8 @@ def _beside_the_cut(trial: Trial, kind: str) -> NDArray[np.floating] | None:
 
 
 def _air(force: NDArray[np.floating]) -> NDArray[np.floating] | None:
-    """[A, 3] the samples before the tool touches; None where there are too few to tell where the zero is, or
-    where what they read is no zero: half or more of what the cut then adds to it."""
+    """[A, 3] the first three quarters of the samples before the tool touches; None where there are too few to
+    tell where the zero is, or where it is none: half or more of what the cut then adds to it."""
     added = force - force[:_FEWEST_IN_AIR].mean(axis=0)
     size, usual = _sizes(added)
     touched = int(np.argmax(size > _IN_CUT * usual))
