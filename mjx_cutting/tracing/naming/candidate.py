@@ -24,6 +24,7 @@ from mjx_cutting.tracing.guards.own_law import rather_their_law
 from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
 from mjx_cutting.tracing.guards.smeared import rather_smeared
 from mjx_cutting.tracing.guards.sudden import rather_sudden
+from mjx_cutting.tracing.guards.within_a_sample import rather_the_reading
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of
 from mjx_cutting.tracing.records.lines import Lines
@@ -103,6 +104,7 @@ def try_effect(
     if decision.accepted:
         why = rather_a_factor(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_smeared(problem, lines, effects, found.x)
+        why = why or rather_the_reading(problem, lines, effects, found)
         why = why or rather_by_line(problem, effects, before.x, found.x)
         why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
         why = why or rather_their_law(problem, lines, effects[:-1], before.x, effects, found.x)
