@@ -136,6 +136,38 @@ def test_half_a_turn_of_air_is_air_and_teeth_that_miss_are_none(mill):
     assert engaged(replace(made, trials=tuple(lone))) is None
 
 
+def _smooth(dataset: Dataset, swing_n, air_s: float) -> Dataset:
+    """The trials with a force that swings once a turn by `swing_n` [R] about a level, after some air, and a
+    zero of a third of it."""
+    generator, trials = np.random.default_rng(2), []
+    for trial, swing in zip(dataset.trials, swing_n, strict=True):
+        turning = np.sqrt(2.0) * np.sin(2.0 * np.pi * trial.spindle_speed_rev_s * trial.time_s)
+        level = np.array([-30.0, -5.0, -3.0]) + swing * turning[:, None] * np.array([1.0, 0.0, 0.0])
+        force = np.where(trial.time_s[:, None] < air_s, 0.0, level) + np.array([1.0, -1.0, -9.5])
+        trials.append(replace(trial, force_n=force + generator.normal(0.0, 0.17, force.shape)))
+    return replace(dataset, trials=tuple(trials))
+
+
+def test_a_record_is_in_air_that_is_as_still_as_others_are_there(saw):
+    """Of teeth that pass faster than the sensor follows, the force hardly swings; its zero is large."""
+    swing_n = [5.0, 1.6, 1.6, 5.0, 1.6]
+    found = engaged(_smooth(saw(), swing_n, 0.8))
+    assert found is not None and len(found.spans_s) == 5
+    assert all(0.8 <= low < 1.0 for low, _ in found.spans_s.values())
+    # none shows how still it is in the air, and a zero that large is not told from a force
+    assert engaged(_smooth(saw(), [1.6] * 5, 0.8)) is None
+
+
+def test_a_force_that_rests_in_the_cut_is_not_air(saw):
+    """As still for a while as others are in the air, but about the same level."""
+    dataset = _smooth(saw(), [5.0] * 5, 0.8)
+    still = _smooth(saw(), [0.0] * 5, 0.0)
+    last, rest = (each.trials[-1] for each in (_smooth(saw(), [1.6] * 5, 0.0), still))
+    resting = replace(last, force_n=np.where(last.time_s[:, None] < 0.8, rest.force_n, last.force_n))
+    found = engaged(replace(dataset, trials=(*dataset.trials[:-1], resting)))
+    assert found is not None and resting.file not in found.spans_s and len(found.spans_s) == 4
+
+
 def test_cuts_that_fill_their_records_are_left_alone(mill, saw):
     assert engaged(mill()) is None and engaged(saw()) is None
 
