@@ -17,15 +17,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.tracing.along.ends import way_in_m
-from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.course import along_path, rate_hz
 from mjx_cutting.tracing.records.part import part_of
+from mjx_cutting.tracing.records.zero import samples_a_turn, zeros
 from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
 
 _AIR = 0.2
-_STILL = 0.1
-_AS_STILL = 1.5
-_LIVELY = 4.0
-_FAR = 2.0
 _LEVEL = 0.85
 _USUAL = 75.0
 _CLEAR = 1.1
@@ -63,8 +60,9 @@ def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
     """The trials where their tools are in the cut; None where no record begins or ends in the air, or none
     for `shown_by_turns`."""
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    still_n = _still_n(dataset)
-    stays = {trial.file: stay for trial in cuts if (stay := _stay(trial, dataset.tool, still_n)) is not None}
+    zeros_n = zeros(dataset)
+    found = {trial.file: _stay(trial, dataset.tool, zeros_n[trial.file]) for trial in cuts}
+    stays = {file: stay for file, stay in found.items() if stay is not None}
     if not any(stay.outside_turns >= shown_by_turns for stay in stays.values()):
         return None
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
@@ -141,76 +139,33 @@ class _Stay:
 
 def touches_m(dataset: Dataset) -> NDArray[np.floating]:
     """[R] position along the path where each cut trial first touches, m; nan where it begins in the cut."""
-    found, still_n = [], _still_n(dataset)
+    found, zeros_n = [], zeros(dataset)
     for trial in dataset.trials:
         if trial.kind == "cut":
-            touching, _, turn = _sizes(trial, dataset.tool.teeth, still_n)
-            in_air = touching[0] >= round(SURELY_TURNS * turn)
+            touching, _ = _sizes(trial, dataset.tool.teeth, zeros_n[trial.file])
+            in_air = touching[0] >= round(SURELY_TURNS * samples_a_turn(trial))
             found.append(along_path(trial)[touching[0]] if in_air else np.nan)
     return np.asarray(found)
 
 
-@dataclass(frozen=True)
-class _Swing:
-    """A record over each turn. Fields: `turn` samples; `mean_n` [3] where it departs least from its mean;
-    `least_n` by how much there; `usual_n` by how much in the cut; `away_n` how far its mean is from there
-    then, N."""
-
-    turn: int
-    mean_n: Array
-    least_n: float
-    usual_n: float
-    away_n: float
-
-    def in_air(self, still_n: float = 0.0) -> bool:
-        """Whether it hardly swings there beside what it does elsewhere; or no more than records in the air,
-        which swing by `still_n`, where it does clearly more in the cut, and about quite another mean."""
-        alike = self.least_n < _AS_STILL * still_n and self.usual_n > _LIVELY * still_n
-        return self.least_n < _STILL * self.usual_n or (alike and self.away_n > _FAR * self.usual_n)
-
-
-def _swing(trial: Trial) -> _Swing:
-    rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
-    turn = max(round(rate_hz / trial.spindle_speed_rev_s), 1)
-    mean = uniform_filter1d(trial.force_n, turn, axis=0, mode="nearest")
-    square = uniform_filter1d(trial.force_n**2, turn, axis=0, mode="nearest")
-    swing = np.sqrt(np.maximum(np.sum(square - mean**2, axis=1), 0.0))
-    quiet = int(np.argmin(swing))
-    away = np.linalg.norm(mean - mean[quiet], axis=1)
-    usual, far = (float(np.percentile(each, _USUAL)) for each in (swing, away))
-    return _Swing(turn, mean[quiet], float(swing[quiet]), usual, far)
-
-
-def _still_n(dataset: Dataset) -> float:
-    """How much records swing over a turn in the air, N: air cuts, and cuts of which that is sure; nil where
-    none shows it. Teeth of which many cut at once, or which pass faster than the sensor follows, swing so
-    little themselves that a record alone does not tell."""
-    swings = [(trial.kind, _swing(trial)) for trial in dataset.trials]
-    seen = [each.least_n for kind, each in swings if kind == "air" or each.in_air()]
-    return float(np.median(seen)) if seen else 0.0
-
-
-def _sizes(trial: Trial, teeth: int, still_n: float) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+def _sizes(trial: Trial, teeth: int, zero_n: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Samples at which the force over a tooth's pitch is more than next to none, and that over a turn has
-    reached its level; samples a turn. Records swing by `still_n` in the air."""
-    swing = _swing(trial)
-    turn = swing.turn
-    # where nothing swings but where the teeth do, what is left is the sensor's zero
-    zero = swing.mean_n if swing.in_air(still_n) else np.zeros(3)
-    energy = np.sum((trial.force_n - zero) ** 2, axis=1)
+    reached its level, counted from the sensor's zero `zero_n` [3]."""
+    turn = samples_a_turn(trial)
+    energy = np.sum((trial.force_n - zero_n) ** 2, axis=1)
     pitch = max(round(turn / teeth), min(_FEWEST_A_PITCH, turn))
     over_pitch, over_turn = (
         np.sqrt(np.maximum(uniform_filter1d(energy, each, mode="nearest"), 0.0)) for each in (pitch, turn)
     )
     level = float(np.percentile(over_turn, _USUAL))
     # of a record of no force at all every sample is at its level
-    return np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level), turn
+    return np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level)
 
 
-def _stay(trial: Trial, tool: ToolInfo, still_n: float) -> _Stay | None:
+def _stay(trial: Trial, tool: ToolInfo, zero_n: Array) -> _Stay | None:
     """Where the tool is in the cut; None where it is from the first sample to the last."""
-    rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
-    touching, full, turn = _sizes(trial, tool.teeth, still_n)
+    touching, full = _sizes(trial, tool.teeth, zero_n)
+    turn = samples_a_turn(trial)
     gaps = np.diff(touching)
     # teeth that miss leave gaps within every turn
     usual = int(np.max(gaps[gaps < turn], initial=1))
@@ -219,7 +174,7 @@ def _stay(trial: Trial, tool: ToolInfo, still_n: float) -> _Stay | None:
     before, after = int(touching[0]), last_sample - int(touching[-1])
     if max(before, after) < least:
         return None
-    way_in = float(way_in_m(trial.radial_depth_m, tool.diameter_m)) / trial.feed_speed_m_s * rate_hz
+    way_in = float(way_in_m(trial.radial_depth_m, tool.diameter_m)) / trial.feed_speed_m_s * rate_hz(trial)
 
     def within(touched: int, reached: int) -> int:
         """Samples from the first touch until force and arc are full. Where the force is at its level within a

@@ -110,6 +110,11 @@ class Course:
         return left * (size > 1e-6 * size[0])
 
 
+def rate_hz(trial: Trial) -> float:
+    """Samples a second of a record, Hz."""
+    return (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
+
+
 def along_path(trial: Trial) -> Array:
     """[T] position along the path, m: the measured axis that moves most, or the feed's integral from zero."""
     if trial.position_m is not None:

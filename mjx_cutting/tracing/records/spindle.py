@@ -24,6 +24,7 @@ from scipy.optimize import nnls
 
 from mjx_cutting.cutting import arc
 from mjx_cutting.tracing.records.blocks import block_edges, block_means
+from mjx_cutting.tracing.records.course import rate_hz
 from mjx_cutting.trials.dataset import ToolInfo, Trial
 
 Array = NDArray[np.floating]
@@ -204,9 +205,8 @@ def _orders(trial: Trial, teeth: int) -> NDArray[np.int64]:
     A folded spindle order could stand where tooth passing of another speed does; tooth passing itself is too
     strong to leave out.
     """
-    rate_hz = (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
     low = np.arange(1, teeth * _TOOTH_HARMONICS + 1)
-    unfolded = low * trial.spindle_speed_rev_s * (1.0 + SPREAD) < 0.5 * rate_hz
+    unfolded = low * trial.spindle_speed_rev_s * (1.0 + SPREAD) < 0.5 * rate_hz(trial)
     return low[unfolded | (low % teeth == 0)]
 
 

@@ -1,0 +1,66 @@
+"""The zero of each record's sensor, read where the tool is in the air.
+
+A force that swings with the teeth is still in the air, and its mean there is the sensor's zero. Teeth of
+which many cut at once, or which pass faster than the sensor follows, hardly swing it themselves, so that
+their record alone does not tell where it is still; air cuts and the other records show how still that is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from mjx_cutting.tracing.records.course import rate_hz
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+_STILL = 0.1
+_AS_STILL = 1.5
+_LIVELY = 4.0
+_FAR = 2.0
+_USUAL = 75.0
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class _Swing:
+    """A record over each turn. Fields: `mean_n` [3] where it departs least from its mean; `least_n` by how
+    much there; `usual_n` by how much in the cut; `away_n` how far its mean is from there then, N."""
+
+    mean_n: Array
+    least_n: float
+    usual_n: float
+    away_n: float
+
+    def in_air(self, still_n: float = 0.0) -> bool:
+        """Whether it hardly swings there beside what it does elsewhere; or no more than records in the air,
+        which swing by `still_n`, where it does clearly more in the cut, and about quite another mean."""
+        alike = self.least_n < _AS_STILL * still_n and self.usual_n > _LIVELY * still_n
+        return self.least_n < _STILL * self.usual_n or (alike and self.away_n > _FAR * self.usual_n)
+
+
+def zeros(dataset: Dataset) -> dict[str, Array]:
+    """[3] by file what the sensor reads in the air, N; nil where a record does not show it."""
+    swings = {trial.file: _swing(trial) for trial in dataset.trials}
+    air = {trial.file for trial in dataset.trials if trial.kind == "air"}
+    seen = [each.least_n for file, each in swings.items() if file in air or each.in_air()]
+    still_n = float(np.median(seen)) if seen else 0.0
+    return {file: each.mean_n if each.in_air(still_n) else np.zeros(3) for file, each in swings.items()}
+
+
+def samples_a_turn(trial: Trial) -> int:
+    """Samples in a turn of the spindle at its nominal speed, at least one."""
+    return max(round(rate_hz(trial) / trial.spindle_speed_rev_s), 1)
+
+
+def _swing(trial: Trial) -> _Swing:
+    turn = samples_a_turn(trial)
+    mean = uniform_filter1d(trial.force_n, turn, axis=0, mode="nearest")
+    square = uniform_filter1d(trial.force_n**2, turn, axis=0, mode="nearest")
+    swing = np.sqrt(np.maximum(np.sum(square - mean**2, axis=1), 0.0))
+    quiet = int(np.argmin(swing))
+    away = np.linalg.norm(mean - mean[quiet], axis=1)
+    usual, far = (float(np.percentile(each, _USUAL)) for each in (swing, away))
+    return _Swing(mean[quiet], float(swing[quiet]), usual, far)
