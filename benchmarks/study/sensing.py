@@ -85,9 +85,9 @@ def sense(
     made = force
     if "sensor_resonance" in effects:
         p = effects["sensor_resonance"]
-        w = 2.0 * np.pi * p["frequency_hz"]
-        digital = _digital([w * w], [1.0, 2.0 * p["damping"] * w, w * w], w, rate)
-        made = signal.lfilter(*digital, made, axis=0)
+        axial = p.get("axial_frequency_ratio", 1.0), p.get("axial_damping_ratio", 1.0)
+        each = [_rung(made[:, axis], rate, p, *ratios) for axis, ratios in enumerate(((1, 1), (1, 1), axial))]
+        made = np.stack(each, axis=1)
     if "sensor_lowpass" in effects:
         p = effects["sensor_lowpass"]
         made = signal.sosfilt(
@@ -105,6 +105,12 @@ def sense(
         turn = 2.0 * np.pi * p["frequency_hz"] * time + generator.uniform(0.0, 2.0 * np.pi)
         made = made + np.asarray(p["amplitude_n"]) * np.cos(turn[:, None] + np.asarray(p["phase_rad"]))
     return made
+
+
+def _rung(force: Array, rate: float, p: Params, frequency_ratio: float, damping_ratio: float) -> Array:
+    """One axis [T] behind a resonance whose frequency and damping are so many times those stated."""
+    w, damping = 2.0 * np.pi * p["frequency_hz"] * frequency_ratio, p["damping"] * damping_ratio
+    return signal.lfilter(*_digital([w * w], [1.0, 2.0 * damping * w, w * w], w, rate), force)
 
 
 def sampled(force: Array, settle: int, factor: int, alias: Any, rate_hz: float) -> Array:

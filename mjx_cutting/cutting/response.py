@@ -28,7 +28,8 @@ def second_order_step(
         state: [2, ...] response x and its rate x', at the start of the step.
         force: [...] input held over the step.
         dt_s: [] step, s.
-        natural_hz, damping: [] undamped natural frequency, Hz, and damping ratio.
+        natural_hz, damping: [...] undamped natural frequency, Hz, and damping ratio; may be those of each
+            entry of `force`.
 
     Returns:
         state at the end of the step and the mean response over it, [...].

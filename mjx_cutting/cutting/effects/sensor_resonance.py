@@ -1,6 +1,7 @@
 """Resonance of the transducer: lines near its natural frequency are inflated, at a fixed frequency in Hz.
 
-H(f) = 1 / (1 - r^2 + 2 j zeta r), r = f / f_n, the same on the three axes. Signature: every line near f_n
+H(f) = 1 / (1 - r^2 + 2 j zeta r), r = f / f_n, the same on x and y. Along the tool's axis a transducer is
+often stiffer or softer: there frequency and damping are multiples of those. Signature: every line near f_n
 grows whatever the spindle speed or the pose. Confused with a mode of the robot, which moves with the pose: a
 tap test decides.
 """
@@ -32,7 +33,9 @@ BEYOND_HZ = 1e12
 class SensorResonance(AbstractEffect):
     """A lightly damped second-order transducer.
 
-    Fields: `frequency_hz` [] natural frequency f_n, Hz; `damping` [] damping ratio zeta, above 0 and below 1.
+    Fields: `frequency_hz` [] natural frequency f_n, Hz; `damping` [] damping ratio zeta, above 0 and below 1;
+    `axial_frequency_ratio`, `axial_damping_ratio` [] times these, they are those of z; 1 where all axes are
+    alike. A fit begins with all alike.
     """
 
     name = "sensor_resonance"
@@ -43,6 +46,8 @@ class SensorResonance(AbstractEffect):
             "Hz", 80.0, 1900.0, BEYOND_HZ, TYPICAL_HZ, log=True, source="100-1500 Hz, working knowledge"
         ),
         "damping": Parameter("1", 0.005, 0.5, None, 0.05, log=True, source="0.5-50 %, working knowledge"),
+        "axial_frequency_ratio": Parameter("1", 0.25, 4.0, 1.0, log=True, source="working knowledge"),
+        "axial_damping_ratio": Parameter("1", 0.1, 10.0, 1.0, log=True, source="working knowledge"),
     }
     sharp = ("frequency_hz",)
     signature = "lines near one fixed frequency inflated, whatever the spindle speed or pose"
@@ -50,6 +55,8 @@ class SensorResonance(AbstractEffect):
 
     frequency_hz: ArrayLike
     damping: ArrayLike
+    axial_frequency_ratio: ArrayLike = 1.0
+    axial_damping_ratio: ArrayLike = 1.0
 
     def init(self, model: ForceModel) -> Any:
         return jnp.zeros((2, 3))
@@ -57,11 +64,26 @@ class SensorResonance(AbstractEffect):
     def respond(
         self, state: Any, force: Array, cut: Cut, dt_s: ArrayLike, model: ForceModel
     ) -> tuple[Any, Array]:
-        return second_order_step(state, force, dt_s, self.frequency_hz, self.damping)
+        return second_order_step(state, force, dt_s, *self._by_axis())
 
     def transfer(self, frequency_hz: ArrayLike, cut: Cut, model: ForceModel) -> Array:
-        response = second_order_transfer(frequency_hz, self.frequency_hz, self.damping)
-        return response[..., None, None] * jnp.eye(3)
+        response = second_order_transfer(jnp.asarray(frequency_hz)[..., None], *self._by_axis())
+        return response[..., None] * jnp.eye(3)
+
+    def _by_axis(self) -> tuple[Array, Array]:
+        """[3] natural frequency, Hz, and [3] damping ratio of each axis."""
+        frequency = jnp.asarray(self.frequency_hz) * jnp.stack([1.0, 1.0, self.axial_frequency_ratio])
+        damping = jnp.asarray(self.damping) * jnp.stack([1.0, 1.0, self.axial_damping_ratio])
+        return frequency, damping
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 2
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> SensorResonance:
+        """Coordinates: log(f_n / 400 Hz), log(zeta / 5 %)."""
+        return cls(TYPICAL_HZ * jnp.exp(coordinates[0]), 0.05 * jnp.exp(coordinates[1]))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:

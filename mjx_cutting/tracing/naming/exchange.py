@@ -5,8 +5,8 @@ together) and then add the one that is left. So every effect but the last is tak
 same tests beside the others, against the best alternatives of its own round. Where an alternative passes and
 is better beyond two standard errors, it takes the place; where nothing passes, the place stays empty. Where
 it keeps the place, the round is kept as it ends now too: what else is missing scatters over the trials, and
-beside it two explanations look alike that are not. Wear that was even while something else was missing may
-show its stages now (`wear_stages`).
+beside it two explanations look alike that are not. What was told with few unknowns while something else
+was missing may be told more finely now (`finer`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, try_effect
 from mjx_cutting.tracing.naming.decision import STANDARD_ERRORS, gain_over_trials
-from mjx_cutting.tracing.naming.wear_stages import in_stages
+from mjx_cutting.tracing.naming.finer import finer
 from mjx_cutting.tracing.records.lines import Lines
 
 _ALTERNATIVES = 2
@@ -71,7 +71,7 @@ def reconsider(
             try_effect(contest, (*rest, one), np.concatenate([alone.x, own]), alone, before)
             for one, own in starts
         ]
-        tried[0] = in_stages(tried[0], contest, (*rest, kind), alone, before)
+        tried[0] = finer(tried[0], contest, (*rest, kind), alone, before)
         best = _best(tried)
         ordered = tuple(sorted(tried, key=lambda each: each.heldout.nrmse))
         after = replace(rounds[place], before=before, candidates=ordered, accepted=best, again=None)

@@ -24,9 +24,9 @@ from mjx_cutting.tracing.fitting.tooth_path import on_other_path, on_true_path
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
+from mjx_cutting.tracing.naming.finer import finer
 from mjx_cutting.tracing.naming.onset import with_onset
 from mjx_cutting.tracing.naming.together import two_at_once
-from mjx_cutting.tracing.naming.wear_stages import in_stages
 from mjx_cutting.tracing.records.lines import Lines
 
 MOST_EFFECTS = 4
@@ -88,7 +88,7 @@ def search(
             progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
             both = (*effects, each.kind)
             one = try_effect(contest, both, each.x, current, heldout)
-            tried.append(in_stages(one, contest, both, current, heldout))
+            tried.append(finer(one, contest, both, current, heldout))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = _accepted(tried)
         found: tuple[Round, ...] = (Round(heldout, screened, tuple(tried), accepted),)

@@ -8,28 +8,23 @@ drift rather than wear; without a late stage, wear that sets in late is scatter 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.flank_wear import RATE, FlankWear
-from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance, try_effect
-from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest
+from mjx_cutting.tracing.naming.place import Place
 
 _RUN_IN = (0.03, 0.1, 0.3)
 _LATE = (0.4, 0.6, 0.8)
 _LATEST = 0.95
-_STEPS = 10
-_WORTH_IT = 0.9
 
 
 class WearInStages(FlankWear):
@@ -71,38 +66,13 @@ class WearInStages(FlankWear):
         return np.asarray([[0.3, 0.5, 0.3, *ways]])
 
 
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Where wear is tried, by the arguments of `candidate.try_effect`."""
-
-    contest: Contest
-    beside: Effects
-    before: Fit
-    before_heldout: HeldOut
-
-    def better(
-        self, fewer: Candidate, kind: type[FlankWear], starts: list[NDArray[np.floating]]
-    ) -> Candidate:
-        """Wear of a `kind`, where that explains more than chance adds to the one with `fewer` stages."""
-        problem, lines = self.contest.problem, self.contest.lines
-        descent = Descent(problem, (*self.beside, kind))
-        best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
-        more = try_effect(self.contest, (*self.beside, kind), best, self.before, self.before_heldout)
-        known = (*self.beside, fewer.kind)
-        p = beyond_chance(problem, lines, known, fewer.fit, (*self.beside, kind), more.fit, len(starts))
-        return more if p <= CHANCE and more.heldout.nrmse < fewer.heldout.nrmse else fewer
-
-
 def in_stages(
     found: Candidate, contest: Contest, effects: Effects, before: Fit, before_heldout: HeldOut
 ) -> Candidate:
-    """The candidate `found`, or wear in stages where that is even wear and they explain more.
-
-    Arguments: those of `candidate.try_effect`, by which `found` was tried.
-    """
-    if found.kind is not FlankWear or not found.heldout.nrmse < _WORTH_IT * before_heldout.nrmse:
+    """The candidate `found`, or wear in stages where that is even wear and they explain more."""
+    place = Place(contest, effects[:-1], before, before_heldout)
+    if found.kind is not FlankWear or not place.worth_it(found):
         return found
-    place = _Place(contest, effects[:-1], before, before_heldout)
     longest_m = float(np.max(np.asarray(contest.problem.cut.cut_length_m)))
     x = np.asarray(found.fit.x)
     sharp = [np.array([0.0, np.log(share * longest_m)]) for share in _RUN_IN]

@@ -45,6 +45,22 @@ def test_resonance_inflates_lines_at_a_fixed_frequency():
     assert gain(resonance, 50.0)[8] == pytest.approx(1.0 / (2 * 0.05), rel=1e-6)
 
 
+def test_resonance_along_the_axis_may_be_another():
+    """z by twice the frequency and three times the damping; in a record each axis swings at its own."""
+    alike, apart = (effect_class("sensor_resonance")(200.0, 0.05, *own) for own in ((), (2.0, 3.0)))
+    frequency = np.array([0.0, 100.0, 200.0, 400.0])
+    one, other = (np.asarray(each.transfer(frequency, slot(20.0), model())) for each in (alike, apart))
+    np.testing.assert_allclose(other[:, :2, :2], one[:, :2, :2])
+    own = 1.0 / (1.0 - (frequency / 400.0) ** 2 + 2.0j * 0.15 * frequency / 400.0)
+    np.testing.assert_allclose(other[:, 2, 2], own, rtol=1e-12)
+    assert not other[:, 2, :2].any() and not other[:, :2, 2].any()
+    time = np.arange(4000) / 8000.0
+    still = slot(20.0).replace(angle_rad=np.full(4000, 1.0), time_s=time)
+    sensed = np.asarray(jax.jit(ForceModel.predict)(model(apart), still, 1 / 8000.0))
+    swing = np.abs(np.fft.rfft(sensed - sensed[-1], axis=0))
+    assert np.argmax(swing, axis=0) / 0.5 == pytest.approx([200.0, 200.0, 400.0], abs=4.0)
+
+
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_lowpass_is_a_butterworth(order: int):
     """Against SciPy's analogue filter, and a loss at a fixed frequency whatever the speed; the mean exact."""

@@ -1,0 +1,41 @@
+"""A transducer that is stiffer along the tool's axis than across it is a resonance, told by axis."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.study.designs import plan
+from benchmarks.study.generator import recorded
+from mjx_cutting.tracing import trace
+from mjx_cutting.trials.dataset import Dataset
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("frequency_ratio", "damping_ratio"),
+    [(1.6, 1.4), (0.7, 1.0), (1.0, 1.0)],
+    ids=["stiffer", "softer", "alike"],
+)
+def test_frequency_and_damping_along_the_axis_are_found(frequency_ratio: float, damping_ratio: float):
+    hidden = {
+        "frequency_hz": 420.0,
+        "damping": 0.05,
+        "axial_frequency_ratio": frequency_ratio,
+        "axial_damping_ratio": damping_ratio,
+    }
+    session, trials = recorded(plan("mill", 401), {"sensor_resonance": hidden}, 401)
+    dataset = Dataset(
+        name="stiffer", source="benchmarks/study", licence="Apache-2.0",
+        tool=session.tool, sensor=session.sensor, trials=trials,
+    )  # fmt: skip
+    found = trace(dataset, effects=("robot_mode", "clamp_mode", "sensor_resonance", "radial_runout"))
+    (named,) = found.verdict["effects"]
+    assert (found.verdict["verdict"], named["name"]) == ("explained", "sensor_resonance")
+    values = {name: each["value"] for name, each in named["parameters"].items()}
+    assert values["frequency_hz"] == pytest.approx(420.0, rel=0.01)
+    assert values["axial_frequency_ratio"] == pytest.approx(frequency_ratio, rel=0.02)
+    assert values["axial_damping_ratio"] == pytest.approx(damping_ratio, rel=0.3)
+    if frequency_ratio == 1.0:
+        # unknowns that explain nothing are not taken in
+        assert values["axial_frequency_ratio"] == 1.0
