@@ -20,8 +20,7 @@ from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.flank_wear import FlankWear
 from mjx_cutting.cutting.effects.thermal_drift import ThermalDrift
 from mjx_cutting.tracing.fitting.descent import Descent
-from mjx_cutting.tracing.fitting.fit import Effects, Fit
-from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.gain import Gain
 
 _MUCH_LESS = 0.5
 _STARTS = (0.1, 0.4, 3.0)
@@ -54,26 +53,21 @@ class GainWithTime(AbstractEffect):
         return force * (1.0 + self.gain * grown)[..., None]
 
 
-def rather_multiplied(problem: Problem, effects: Effects, found: Fit) -> str | None:
-    """Why wear or a drift, the last of `effects`, is refused where a factor on all of the force that grows
-    with the clock or the length cut leaves much less; None where it does not, or where the last is neither.
-
-    Arguments: problem; the effects of the model and its fit to all trials.
-    """
-    kind = effects[-1]
-    if not issubclass(kind, FlankWear | ThermalDrift):
+def rather_multiplied(gain: Gain) -> str | None:
+    """Why wear or a drift is refused where a factor on all of the force that grows with the clock or the
+    length cut leaves much less; None where it does not, or where it is neither."""
+    if not issubclass(gain.kind, FlankWear | ThermalDrift):
         return None
-    rest = np.asarray(found.x)[: -kind.size(problem.tool)]
     for of, what in _GROWS_WITH.items():
-        longest = float(np.max(np.asarray(getattr(problem.cut, of))))
+        longest = float(np.max(np.asarray(getattr(gain.problem.cut, of))))
         if not longest > 0.0:
             continue
         grown = type("GainWithTime", (GainWithTime,), {"of": of, "longest": longest})
-        descent = Descent(problem, (*effects[:-1], grown))
-        starts = [np.concatenate([rest, [0.3, np.log(tau)]]) for tau in _STARTS]
+        descent = Descent(gain.problem, (*gain.others, grown))
+        starts = [np.concatenate([gain.rest, [0.3, np.log(tau)]]) for tau in _STARTS]
         x = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
         left = float(descent.squares_left(x[None])[0])
-        if left < _MUCH_LESS * float(found.squares):
-            ratio = float(found.squares) / max(left, 1e-300)
+        if left < _MUCH_LESS * float(gain.found.squares):
+            ratio = float(gain.found.squares) / max(left, 1e-300)
             return f"a factor on all of the force that grows with {what} leaves {ratio:.3g} times less"
     return None

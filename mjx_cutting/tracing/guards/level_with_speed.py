@@ -18,8 +18,7 @@ from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.thermal_drift import ThermalDrift
 from mjx_cutting.tracing.fitting.descent import Descent
-from mjx_cutting.tracing.fitting.fit import Effects, Fit
-from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.gain import Gain
 
 _USUAL_REV_S = 30.0
 _TERMS = 2
@@ -48,19 +47,15 @@ class LevelWithSpeed(AbstractEffect):
         return force + first * speed + second * speed**2
 
 
-def rather_with_speed(problem: Problem, effects: Effects, found: Fit) -> str | None:
-    """Why a drift, the last of `effects`, is refused that levels over the speed do better than; None where
-    it is not, or where the last is no drift.
-
-    Arguments: problem; the effects of the model and its fit to all trials.
-    """
-    if effects[-1] is not ThermalDrift or np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) == 0.0:
+def rather_with_speed(gain: Gain) -> str | None:
+    """Why a drift is refused that levels over the speed do better than; None where it is not, or is none."""
+    problem = gain.problem
+    if gain.kind is not ThermalDrift or np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) == 0.0:
         return None
-    rest = np.asarray(found.x)[: -ThermalDrift.size(problem.tool)]
-    descent = Descent(problem, (*effects[:-1], LevelWithSpeed))
-    x, _ = descent.descend(np.append(rest, np.zeros(LevelWithSpeed.size(problem.tool))), _STEPS)
+    descent = Descent(problem, (*gain.others, LevelWithSpeed))
+    x, _ = descent.descend(np.append(gain.rest, np.zeros(LevelWithSpeed.size(problem.tool))), _STEPS)
     left = float(descent.squares_left(x[None])[0])
-    if left >= float(found.squares):
+    if left >= float(gain.found.squares):
         return None
-    ratio = float(found.squares) / max(left, 1e-300)
+    ratio = float(gain.found.squares) / max(left, 1e-300)
     return f"a level that follows the spindle's speed, in air as in the cut, leaves {ratio:.1f} times less"

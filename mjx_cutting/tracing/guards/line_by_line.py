@@ -13,13 +13,14 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem, model_at, model_lines, shared_bias
 from mjx_cutting.tracing.fitting.residual import marks, residual_of_lines
+from mjx_cutting.tracing.guards.gain import Gain
 
 _SPEEDS_APART = 1.05
 _SHARE_OF_FREE = 0.9
@@ -27,17 +28,15 @@ _MOST_LINES = 64
 Array = NDArray[np.floating]
 
 
-def rather_by_line(problem: Problem, effects: Effects, x_before: ArrayLike, x_after: ArrayLike) -> str | None:
-    """Why the last of `effects` is refused where gains of the lines do better; None where they do not.
-
-    Arguments: problem; the effects; unknowns [U] of the model without the last and with it.
-    """
+def rather_by_line(gain: Gain) -> str | None:
+    """Why a response is refused where gains of the lines do better; None where they do not, or it is none."""
+    problem = gain.problem
     speed = np.asarray(problem.cut.spindle_speed_rev_s)
-    if not _responds(effects[-1]) or speed.max() > _SPEEDS_APART * speed.min():
+    if not _responds(gain.kind) or speed.max() > _SPEEDS_APART * speed.min():
         return None
-    left, columns = (np.asarray(each) for each in _gains(problem, effects[:-1], jnp.asarray(x_before)))
-    after = Descent(problem, effects)
-    rest = after.rows(np.asarray(x_after)[None]).left[0, : after.measured]
+    left, columns = (np.asarray(each) for each in _gains(problem, gain.others, gain.before.x))
+    after = Descent(problem, gain.effects)
+    rest = after.rows(np.asarray(gain.found.x)[None]).left[0, : after.measured]
     plain, explained = float(np.sum(left**2)), float(np.sum(left**2) - np.sum(rest**2))
     strongest = np.argsort(-np.sum(columns**2, axis=(0, 2)))[:_MOST_LINES]
     by_line = np.concatenate(columns[:, strongest]).T

@@ -13,7 +13,7 @@ shape, so tools that have only those are let be.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
@@ -21,8 +21,8 @@ from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.model_error import tolerated
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.lines import Lines
 
 _SHARE_OF_FREE = 0.9
 _OWN = 0.5
@@ -30,18 +30,13 @@ _OWN_OF_A_RESPONSE = 0.2
 _MOST = 0.7
 
 
-def rather_a_factor(
-    problem: Problem, lines: Lines, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
-) -> str | None:
-    """Why an effect is refused that a factor of each trial's own does better than; None where it is not.
-
-    Arguments: problem, lines; the effects and unknowns [U] of the model before, and of the one with the
-    candidate.
-    """
+def rather_a_factor(gain: Gain) -> str | None:
+    """Why an effect is refused that a factor of each trial's own does better than; None where it is not."""
+    problem, lines = gain.problem, gain.lines
     if problem.tool.kind in LEVEL_KINDS:
         return None
-    plain, free = _squares(problem, before, np.asarray(x_before))
-    plain_with, free_with = _squares(problem, after, np.asarray(x_after))
+    plain, free = _squares(problem, gain.others, np.asarray(gain.before.x))
+    plain_with, free_with = _squares(problem, gain.effects, np.asarray(gain.found.x))
     explained, unnamed, own = plain - plain_with, plain - free, free - free_with
     if own >= _OWN * explained:
         return None
@@ -52,7 +47,7 @@ def rather_a_factor(
     missing, rest = plain - quiet, free - quiet
     if rest > tolerated(problem, lines) ** 2 and own >= _MOST * rest:
         return None
-    if after[-1].transfer is not AbstractEffect.transfer and own < _OWN_OF_A_RESPONSE * explained:
+    if gain.kind.transfer is not AbstractEffect.transfer and own < _OWN_OF_A_RESPONSE * explained:
         return (
             "does no more than a factor of its own for each trial would: the spindle's speeds alone tell it"
         )

@@ -10,14 +10,11 @@ next to nothing is left beside it: what resembles an error of a law leaves much 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mjx_cutting.tracing.fitting.descent import Descent
-from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.on_lines import its_lines, noise_squares, squares
-from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.lines import Lines
 
 _OF_ALL = 0.05
 _OF_ITS_LINES = 0.1
@@ -25,21 +22,18 @@ _NEXT_TO_NOTHING = 0.2
 _STEPS = 6
 
 
-def rather_their_law(
-    problem: Problem, lines: Lines, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
-) -> str | None:
+def rather_their_law(gain: Gain) -> str | None:
     """Why a further effect is refused that does no more than the laws of those before it may be off; None
-    where it is not, or is the first.
-
-    Arguments: as of `share_of_lines.rather_unlike`.
-    """
+    where it is not, or is the first."""
+    problem, before = gain.problem, gain.others
     if not before or problem.tool.kind in LEVEL_KINDS:
         return None
-    old, new = (squares(problem, *each) for each in ((before, x_before), (after, x_after)))
-    quiet = noise_squares(problem, lines)
+    old = squares(problem, before, gain.before.x)
+    new = squares(problem, gain.effects, gain.found.x)
+    quiet = noise_squares(problem, gain.lines)
     if (new - quiet).sum() <= _NEXT_TO_NOTHING * (old - quiet).sum():
         return None
-    base = np.asarray(x_before)[: -sum(kind.size(problem.tool) for kind in before)]
+    base = np.asarray(gain.before.x)[: -sum(kind.size(problem.tool) for kind in before)]
     base, _ = Descent(problem, ()).descend(base, _STEPS)
     none = squares(problem, (), base)
     its = its_lines(problem, old, new)

@@ -10,31 +10,23 @@ passing what it takes once a turn.
 
 from __future__ import annotations
 
-from numpy.typing import ArrayLike
-
-from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.model_error import tolerated
 from mjx_cutting.tracing.fitting.on_lines import its_lines, noise_squares, squares
-from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.lines import Lines
 
 _LEAST_PART = 0.5
 _LEAST_AT_TOOTH_PASSING = 0.4
 _LEAST_OF_THE_REST = 0.7
 
 
-def rather_unlike(
-    problem: Problem, lines: Lines, before: Effects, x_before: ArrayLike, after: Effects, x_after: ArrayLike
-) -> str | None:
-    """Why an effect is refused that explains little of the lines it works on; None where it is not.
-
-    Arguments: problem, lines; the effects and unknowns [U] of the model before, and of the one with the
-    candidate.
-    """
+def rather_unlike(gain: Gain) -> str | None:
+    """Why an effect is refused that explains little of the lines it works on; None where it is not."""
+    problem, lines = gain.problem, gain.lines
     if problem.tool.kind in LEVEL_KINDS:
         return None
-    old, new = (squares(problem, *each) for each in ((before, x_before), (after, x_after)))
+    old = squares(problem, gain.others, gain.before.x)
+    new = squares(problem, gain.effects, gain.found.x)
     quiet = noise_squares(problem, lines)
     gained = float((old - new).sum())
     its = its_lines(problem, old, new)
@@ -42,7 +34,7 @@ def rather_unlike(
     there, left = (float((each - quiet)[:, its].sum()) for each in (old, new))
     if not unlike and left <= tolerated(problem, lines) ** 2:
         return None
-    at_passing = _LEAST_OF_THE_REST if before else _LEAST_AT_TOOTH_PASSING
+    at_passing = _LEAST_OF_THE_REST if gain.others else _LEAST_AT_TOOTH_PASSING
     if gained >= (_LEAST_PART if unlike else at_passing) * there:
         return None
     if unlike:

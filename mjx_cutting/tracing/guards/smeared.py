@@ -9,28 +9,22 @@ it has lost nothing.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mjx_cutting.tracing.fitting.descent import Descent
-from mjx_cutting.tracing.fitting.fit import Effects
-from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.tracing.guards.gain import Gain
 
 _SHARE = 0.5
 
 
-def rather_smeared(problem: Problem, lines: Lines, effects: Effects, x: ArrayLike) -> str | None:
-    """Why the last of `effects` is refused, whose losses are found beside the lines; None where they are not.
-
-    Arguments: problem and lines of the trials; `x` [U] unknowns of the model with all `effects`.
-    """
-    kind, known = effects[-1], np.asarray(x)
-    if not kind.damps:
+def rather_smeared(gain: Gain) -> str | None:
+    """Why an effect that damps is refused, whose losses are found beside the lines; None where they are
+    not."""
+    if not gain.kind.damps:
         return None
-    bare = known[: len(known) - kind.size(problem.tool)]
+    problem, lines = gain.problem, gain.lines
     without, with_it = (
         float(np.sum(Descent(problem, each).mark(at[None]) ** 2))
-        for each, at in ((effects[:-1], bare), (effects, known))
+        for each, at in ((gain.others, gain.rest), (gain.effects, np.asarray(gain.found.x)))
     )
     beside, lost = float(np.sum(lines.rest_n2 * np.asarray(problem.weights) ** 2)), without - with_it
     if lost <= 0.0 or beside < _SHARE * lost:

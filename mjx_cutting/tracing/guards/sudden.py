@@ -23,8 +23,7 @@ from mjx_cutting.cutting.effects.abstract import EdgeForce
 from mjx_cutting.cutting.effects.flank_wear import FlankWear
 from mjx_cutting.cutting.effects.thermal_drift import ThermalDrift
 from mjx_cutting.tracing.fitting.descent import Descent
-from mjx_cutting.tracing.fitting.fit import Effects, Fit
-from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.guards.gain import Gain
 
 _MUCH_LESS = 0.5
 _MOST_PLACES = 32
@@ -100,42 +99,31 @@ class StepOfTheEdge(Step):
 _TRIED = (StepOfTheZero, StepOfTheGain, StepOfTheEdge)
 
 
-def rather_sudden(problem: Problem, effects: Effects, found: Fit) -> str | None:
-    """Why wear or a drift, the last of `effects`, is refused where a step between two cuts leaves much less;
-    None where none does, or where the last is neither.
-
-    Arguments: problem; the effects of the model and its fit to all trials.
-    """
-    kind = effects[-1]
-    if not issubclass(kind, FlankWear | ThermalDrift):
+def rather_sudden(gain: Gain) -> str | None:
+    """Why wear or a drift is refused where a step between two cuts leaves much less; None where none does,
+    or where it is neither."""
+    if not issubclass(gain.kind, FlankWear | ThermalDrift):
         return None
-    rest = np.asarray(found.x)[: -kind.size(problem.tool)]
-    of = next((each for each in _ORDERS if np.ptp(np.asarray(getattr(problem.cut, each))) > 0.0), None)
+    cut = gain.problem.cut
+    of = next((each for each in _ORDERS if np.ptp(np.asarray(getattr(cut, each))) > 0.0), None)
     if of is None:
         return None
-    when = np.unique(np.asarray(getattr(problem.cut, of)))
+    when = np.unique(np.asarray(getattr(cut, of)))
     onsets = 0.5 * (when[1:] + when[:-1])
     onsets = onsets[np.unique(np.linspace(0, len(onsets) - 1, _MOST_PLACES).astype(int))]
-    tried = [(*_least(problem, effects[:-1], step, of, rest, onsets), step) for step in _TRIED]
+    tried = [(*_least(gain, step, of, onsets), step) for step in _TRIED]
     squares, onset, step = min(tried, key=lambda each: each[0])
-    if squares >= _MUCH_LESS * float(found.squares):
+    if squares >= _MUCH_LESS * float(gain.found.squares):
         return None
-    what, ratio = step.name.replace("_", " "), float(found.squares) / max(squares, 1e-300)
+    what, ratio = step.name.replace("_", " "), float(gain.found.squares) / max(squares, 1e-300)
     return f"a {what} at {onset:.4g} {_ORDERS[of]} leaves {ratio:.3g} times less"
 
 
-def _least(
-    problem: Problem,
-    effects: Effects,
-    step: type[Step],
-    of: str,
-    rest: NDArray[np.floating],
-    onsets: NDArray[np.floating],
-) -> tuple[float, float]:
-    """Squares that a step beside `effects` leaves, at the onset where they are least, and that onset."""
-    descent = Descent(problem, (*effects, type(step.__name__, (step,), {"of": of})))
-    changes = np.zeros(step.size(problem.tool) - 1)
-    starts = [np.concatenate([rest, changes, [onset]]) for onset in onsets]
+def _least(gain: Gain, step: type[Step], of: str, onsets: NDArray[np.floating]) -> tuple[float, float]:
+    """Squares that a step beside the others leaves, at the onset where they are least, and that onset."""
+    descent = Descent(gain.problem, (*gain.others, type(step.__name__, (step,), {"of": of})))
+    changes = np.zeros(step.size(gain.problem.tool) - 1)
+    starts = [np.concatenate([gain.rest, changes, [onset]]) for onset in onsets]
     reached = np.stack([descent.descend(start, _STEPS)[0] for start in starts])
     squares = descent.squares_left(reached)
     best = int(np.argmin(squares))

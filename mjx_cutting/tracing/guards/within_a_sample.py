@@ -11,20 +11,16 @@ from __future__ import annotations
 import numpy as np
 
 from mjx_cutting.cutting.effects.helix_lag import HelixLag
-from mjx_cutting.tracing.fitting.fit import Effects, Fit
-from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.tracing.guards.gain import Gain
 
 _OF_A_SAMPLE = 0.1
 
 
-def rather_the_reading(problem: Problem, lines: Lines, effects: Effects, found: Fit) -> str | None:
-    """Why a correction of the helix, the last of `effects`, is refused that moves no part of an edge by a
-    tenth of the time between two samples in any trial; None where it does, or where the last is another.
-
-    Arguments: problem and lines of the trials; the effects of the model and its fit to all trials.
-    """
-    correction = found.model.effects[len(effects) - 1]
+def rather_the_reading(gain: Gain) -> str | None:
+    """Why a correction of the helix is refused that moves no part of an edge by a tenth of the time between
+    two samples in any trial; None where it does, or is no such correction."""
+    problem = gain.problem
+    correction = gain.found.model.effects[len(gain.others)]
     if not isinstance(correction, HelixLag):
         return None
     stated, corrected = (
@@ -35,7 +31,7 @@ def rather_the_reading(problem: Problem, lines: Lines, effects: Effects, found: 
     )
     turn = np.abs(corrected - stated) * width_m / (np.pi * np.asarray(problem.tool.diameter_m))
     lag_s = float(np.max(turn / speed_rev_s))
-    samples = lag_s * lines.dataset.sensor.sample_rate_hz
+    samples = lag_s * gain.lines.dataset.sensor.sample_rate_hz
     if samples >= _OF_A_SAMPLE:
         return None
     return (

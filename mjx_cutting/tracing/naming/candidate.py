@@ -16,15 +16,8 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
 from mjx_cutting.tracing.fitting.model_error import model_errors, tolerated
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened
-from mjx_cutting.tracing.guards.gain_with_time import rather_multiplied
-from mjx_cutting.tracing.guards.level_with_speed import rather_with_speed
-from mjx_cutting.tracing.guards.line_by_line import rather_by_line
-from mjx_cutting.tracing.guards.own_gain import rather_a_factor
-from mjx_cutting.tracing.guards.own_law import rather_their_law
-from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
-from mjx_cutting.tracing.guards.smeared import rather_smeared
-from mjx_cutting.tracing.guards.sudden import rather_sudden
-from mjx_cutting.tracing.guards.within_a_sample import rather_the_reading
+from mjx_cutting.tracing.guards.asked import refusal
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of
 from mjx_cutting.tracing.records.lines import Lines
@@ -102,15 +95,7 @@ def try_effect(
     axes = axes_of(problem.tool.kind)
     decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance, axes=axes)
     if decision.accepted:
-        why = rather_a_factor(problem, lines, effects[:-1], before.x, effects, found.x)
-        why = why or rather_smeared(problem, lines, effects, found.x)
-        why = why or rather_the_reading(problem, lines, effects, found)
-        why = why or rather_by_line(problem, effects, before.x, found.x)
-        why = why or rather_unlike(problem, lines, effects[:-1], before.x, effects, found.x)
-        why = why or rather_their_law(problem, lines, effects[:-1], before.x, effects, found.x)
-        why = why or rather_with_speed(problem, effects, found)
-        why = why or rather_multiplied(problem, effects, found)
-        why = why or rather_sudden(problem, effects, found)
+        why = refusal(Gain(problem, lines, effects, before, found))
         decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
     return Candidate(kind, found, after, decision)
 

@@ -12,6 +12,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
 from mjx_cutting.tracing.fitting.heldout import folds
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.guards.line_by_line import rather_by_line
 from mjx_cutting.tracing.naming.candidate import fitted
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, ToolInfo
@@ -58,6 +59,6 @@ def test_gains_of_lines_at_one_speed_are_not_called_a_resonance(posed, speeds, r
         starts = effect_starts(problem, RESONANCE, base.x)
         best = np.argmin(np.sum(Descent(problem, (RESONANCE,)).rows(np.asarray(starts)).left ** 2, axis=1))
         found, _ = fitted(problem, lines, (RESONANCE,), np.asarray(starts[best]), folds(dataset, 0))
-        why = rather_by_line(problem, (RESONANCE,), base.x, found.x)
+        why = rather_by_line(Gain(problem, lines, (RESONANCE,), base, found))
     assert (why is not None) == refused
     assert why is None or "at one speed" in why

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
 from mjx_cutting.tracing.fitting.heldout import folds
 from mjx_cutting.tracing.guards import own_gain
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.guards.own_gain import rather_a_factor
 from mjx_cutting.tracing.naming.candidate import fitted
 from mjx_cutting.trials.synthetic import Hidden
@@ -37,7 +39,7 @@ def test_what_is_a_factor_of_each_trial_is_told_from_a_change_of_shape(
         problem, base = fit_base(problem)
         start = effect_starts(problem, kind, base.x)[0]
         found, _ = fitted(problem, lines, (kind,), np.asarray(start), folds(dataset, 0))
-        why = rather_a_factor(problem, lines, (), base.x, (kind,), found.x)
+        why = rather_a_factor(Gain(problem, lines, (kind,), base, found))
     assert (why is not None) == refused
 
 
@@ -66,5 +68,6 @@ def test_what_a_gain_of_each_trial_could_do_is_refused_where_it_does_no_more_or_
     monkeypatch.setattr(own_gain, "tolerated", lambda problem, lines: 1.0)
     with _platform.x64():
         lines, problem = posed(mill())
-        why = rather_a_factor(problem, lines, (), np.zeros(1), (kind,), np.zeros(1))
+        fit = SimpleNamespace(x=np.zeros(1))
+        why = rather_a_factor(Gain(problem, lines, (kind,), fit, fit))
     assert why is None if refused is None else refused in why

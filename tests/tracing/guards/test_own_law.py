@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects import RadialRunout, SizeEffect, Unbalance
 from mjx_cutting.tracing.guards import own_law
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.guards.own_law import rather_their_law
 
 
@@ -50,10 +52,10 @@ def test_what_is_within_the_law_of_another_is_refused(monkeypatch, beside, at_pa
     monkeypatch.setattr(own_law, "squares", lambda problem, effects, x: squares[len(effects)])
     monkeypatch.setattr(own_law, "noise_squares", lambda problem, lines: np.zeros((1, 5, 3)))
     posed = _Posed(Tool("end_mill", 2, 0.01), np.array([0, 1, 1, 2, 2]))
-    before, after = (RadialRunout,), (RadialRunout, SizeEffect)
-    why = rather_their_law(posed, None, before, np.zeros(6 + size), after, np.zeros(7 + size))
+    before, found = (SimpleNamespace(x=np.zeros(count + size)) for count in (6, 7))
+    why = rather_their_law(Gain(posed, None, (RadialRunout, SizeEffect), before, found))
     assert why is None if refused is None else refused in why
 
 
 def test_the_first_effect_has_no_law_before_it():
-    assert rather_their_law(None, None, (), np.zeros(6), (Unbalance,), np.zeros(8)) is None
+    assert rather_their_law(Gain(None, None, (Unbalance,), None, None)) is None

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting import effect_class
+from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.guards.within_a_sample import rather_the_reading
 
 HELIX = effect_class("helix_lag")
@@ -27,7 +28,7 @@ def why(mill, posed):
             lines, problem = posed(dataset)
         read = replace(dataset, sensor=replace(dataset.sensor, sample_rate_hz=rate_hz))
         found = SimpleNamespace(model=SimpleNamespace(effects=(effects[-1](more_rad), "given")))
-        return rather_the_reading(problem, replace(lines, dataset=read), effects, found)
+        return rather_the_reading(Gain(problem, replace(lines, dataset=read), effects, None, found))
 
     return of
 
