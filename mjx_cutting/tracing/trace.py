@@ -35,14 +35,15 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.sheet import inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
-from mjx_cutting.tracing.telling.above_band import Above, above_band
-from mjx_cutting.tracing.telling.axes import Reading, better_reading
+from mjx_cutting.tracing.telling.above_band import above_band
+from mjx_cutting.tracing.telling.axes import better_reading
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import TIED, testable, verdict
+from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 from mjx_cutting.trials.dataset import Dataset
 
 _CLEARER = 0.5
@@ -174,7 +175,8 @@ def _trace(
             found = replace(found, model=for_use(found.dataset, unnamed.model))
             word["remaining"]["description"] += f"; {unnamed}"
         above = above_band(found.dataset, found.model, band)
-        for told in (above, cut_down):
+        zero = zero_in_air(found.dataset, found.model)
+        for told in (above, cut_down, zero):
             if told is not None:
                 word["remaining"]["description"] += f"; {told}"
     return Tracing(
@@ -183,7 +185,7 @@ def _trace(
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed, above, cut_down),
+        caveats=_caveats(found, reading, unnamed, above, cut_down, zero),
     )
 
 
@@ -202,7 +204,7 @@ def _where_engaged(
     return entered(found, inside, part, one_pass) if with_ends else inside, part
 
 
-def _caveats(found: Pass, *others: Reading | Unnamed | Above | Engaged | None) -> tuple[str, ...]:
+def _caveats(found: Pass, *others: object | None) -> tuple[str, ...]:
     caveats = [str(each) for each in others if each is not None]
     if on_true_path(found.search.problem):
         caveats.append(
