@@ -71,7 +71,8 @@ class Pass:
     @property
     def floor_nrmse(self) -> float:
         """Share of the force that the noise of the records judged is."""
-        return self.noise_over * noise_floor(self.dataset, self.lines)
+        left = [each.residual_n for each in self.after] if self.along else []
+        return self.noise_over * noise_floor(self.dataset, self.lines, left)
 
     def with_round(self, each: SlowRound, evidence: tuple[str, ...] = ()) -> Pass:
         """The pass with one more round, where it accepted something: model and predictions hold that too."""

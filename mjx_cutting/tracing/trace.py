@@ -21,12 +21,14 @@ from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
+from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
 from mjx_cutting.tracing.by_place import in_ramps
 from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.fitting.tooth_path import on_true_path
+from mjx_cutting.tracing.loop_in_air import loop_in_air
 from mjx_cutting.tracing.naming.decision import gain_over_trials
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
@@ -123,15 +125,19 @@ def _trace(
         def one_pass(trials: Dataset) -> Pass:
             return once(trials, band, kinds, steady, seed, progress)
 
+        def by_parts(trials: Dataset) -> tuple[Pass, Engaged | None]:
+            first = in_ramps(inside_the_sheet(one_pass(trials), one_pass), band, seed, progress)
+            return _where_engaged(first, one_pass, any(kind.name == ENDS for kind in kinds))
+
         found = cut_down = None
         if on_path:
             progress("on the measured path of the tool")
             bare = once(dataset, band, (), (), seed, progress)
             found = _if_better(once(dataset, band, kinds, steady, seed, progress, pose_on_path), bare)
         if found is None:
-            found = inside_the_sheet(one_pass(dataset), one_pass)
-            found = in_ramps(found, band, seed, progress)
-            found, cut_down = _where_engaged(found, one_pass, any(kind.name == ENDS for kind in kinds))
+            found, cut_down = by_parts(dataset)
+            if any(kind.name == HYSTERESIS.name for kind in kinds):
+                found = loop_in_air(dataset, found, lambda rest: by_parts(rest)[0], progress)
         if any(kind.name == VIBRATION for kind in kinds):
             progress("lines off the spindle's multiples")
             found = _with_vibration(found)
@@ -161,7 +167,7 @@ def _trace(
             depends_before,
             depends_after,
             reasons,
-            found.noise_over,
+            found.floor_nrmse,
             grown,
         )
         if grown is not None:

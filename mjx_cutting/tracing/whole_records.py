@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import Ramps
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow import FEWEST_REACHED, SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction
@@ -26,6 +26,7 @@ from mjx_cutting.tracing.records.lines import band_limit
 from mjx_cutting.tracing.records.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset, Trial
 
+_HARDLY = 1e-3
 Array = NDArray[np.floating]
 
 
@@ -100,7 +101,8 @@ class Told:
     """What the ends of the sheet tell of whole records.
 
     Fields: error on held-out trials `before` and `after`; the `share` of the geometry that the trials show,
-    and `by_fold` [F] that of all others; `samples` of the records.
+    and `by_fold` [F] that of all others; `samples` of the records; `reached` [R] those that show an end at
+    all, which alone say something for it or against.
     """
 
     before: HeldOut
@@ -108,6 +110,7 @@ class Told:
     share: float
     by_fold: Array
     samples: int
+    reached: NDArray[np.bool_]
 
     def noise_over(self, inside: Pass) -> float:
         """Share of noise in whole records over that in the parts of them that were traced."""
@@ -124,7 +127,7 @@ class Told:
     ) -> SlowRound:
         """The effect as decided on whole records, as a round of its own among `tries` effects."""
         kind = type(effect)
-        p = chance_over_trials(self.before, self.after, tries)
+        p = chance_over_trials(self.before.only(self.reached), self.after.only(self.reached), tries)
         decision = decide(kind, self.before, self.after, p, parameters)
         silent = tuple(np.zeros_like(each.measured_n) for each in predicted)
         candidate = SlowCandidate(kind, effect, self.after, decision, silent)
@@ -154,7 +157,9 @@ def held_against(columns: Sequence[Array], outside: Sequence[Outside], final: He
     told = np.stack([np.sum((each.left_n - own * x) ** 2, axis=0) for each, x, own in rows])
     before = HeldOut(final.error_n2 + bare, energy, None, final.fold)
     after = HeldOut(final.error_n2 + told, energy, None, final.fold)
-    return Told(before, after, share, by_fold, sum(len(each.time_s) for each in courses))
+    shown = square > _HARDLY * square.max(initial=0.0)
+    reached = shown if shown.sum() >= FEWEST_REACHED else np.ones(len(shown), bool)
+    return Told(before, after, share, by_fold, sum(len(each.time_s) for each in courses), reached)
 
 
 def with_ends(inside: Pass, named: SlowRound, told: Told, sentence: str, base_n2: Array) -> Pass:

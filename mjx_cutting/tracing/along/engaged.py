@@ -148,6 +148,22 @@ def touches_m(dataset: Dataset) -> NDArray[np.floating]:
     return np.asarray(found)
 
 
+def in_the_air(dataset: Dataset) -> dict[str, NDArray[np.bool_]]:
+    """[T] where each cut trial surely is in the air before or after its cut, by file: half the way in and a
+    turn away from where the force is seen to begin or to end."""
+    found, zeros_n = {}, zeros(dataset)
+    for trial in dataset.trials:
+        if trial.kind == "cut":
+            touching, _ = _sizes(trial, dataset.tool.teeth, zeros_n[trial.file])
+            place, turn = along_path(trial), samples_a_turn(trial)
+            away_m = 0.5 * float(way_in_m(trial.radial_depth_m, dataset.tool.diameter_m))
+            sample = np.arange(len(place))
+            before = (sample < touching[0] - turn) & (place < place[touching[0]] - away_m)
+            behind = (sample > touching[-1] + turn) & (place > place[touching[-1]] + away_m)
+            found[trial.file] = before | behind
+    return found
+
+
 def _sizes(trial: Trial, teeth: int, zero_n: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Samples at which the force over a tooth's pitch is more than next to none, and that over a turn has
     reached its level, counted from the sensor's zero `zero_n` [3]."""

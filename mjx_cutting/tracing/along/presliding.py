@@ -1,12 +1,13 @@
 """Friction of the drive that builds up as a trial sets out: hysteresis, where the records show it.
 
-A drive at rest first strains its contacts; only after the presliding distance d is the friction whole:
+A drive at rest first strains its contacts; only after the presliding distance d is the friction whole, and
+where it turns back the contacts are strained the other way:
 
-    drag = F_c (1 - exp(-s / d)) + F_v v,   s the way since the trial set out, v the feed, along x
+    drag = F_c z + F_v v,   z -> +-1 + (z -+ 1) exp(-s / d)   over a way s forth or back, from z = 0 at rest,
 
-In steady motion that is a bias. It shows by its beginning, which is the same way at every feed, where what
-settles in time (a filter, a controller) takes the same time; and where the zero of the sensor is one for all
-trials, by its rise with the feed.
+v the feed, along x. In steady motion that is a bias. It shows by its beginning, which is the same way at
+every feed, where what settles in time (a filter, a controller) takes the same time; by the loop where a trial
+turns back; and where the zero of the sensor is one for all trials, by its rise with the feed.
 """
 
 from __future__ import annotations
@@ -30,15 +31,19 @@ _NEXT_TO_NONE_N_S_M = 1e-3
 Array = NDArray[np.floating]
 
 
-def _way(course: Course) -> Array:
-    """[T] way since the trial set out, m, as it is felt: nil until the filter lets its beginning through."""
-    start = float(np.interp(course.delay_s, course.time_s, course.position_m))
-    return np.maximum(np.maximum.accumulate(course.position_m) - start, 0.0)
+def strain(course: Course, presliding_m: float) -> Array:
+    """[T] strain z of the contacts, -1 to 1, in a trial that sets out from rest."""
+    found, last = np.zeros(len(course.way_m)), 0.0
+    for leg, forth in course.legs:
+        gone = forth * (course.way_m[leg] - course.way_m[leg.start])
+        found[leg] = forth + (last - forth) * np.exp(-np.maximum.accumulate(gone) / presliding_m)
+        last = float(found[leg][-1])
+    return found
 
 
 def _distances(courses: Sequence[Course]) -> Array:
     """[P, 1] presliding distances that the slowest trial resolves and the longest sees the end of."""
-    ways = [float(_way(each)[-1]) for each in courses]
+    ways = [float(np.ptp(each.way_m)) for each in courses]
     least = _FEWEST_SAMPLES * min(way / len(each.time_s) for way, each in zip(ways, courses, strict=True))
     known = effect_class("hysteresis").parameters["presliding_m"]
     low, high = max(least, known.low), min(_LONGEST * max(ways), known.high)
@@ -53,8 +58,10 @@ def _near(shapes: Array, here: Array, zoom: float) -> Array:
 def _drag(course: Course, shape: Array) -> Array:
     """[T, 3, 2] of Coulomb friction at 1 N, of viscous at 1 N s/m."""
     columns = np.zeros((len(course.time_s), 3, 2))
-    columns[:, 0, 0] = np.expm1(-_way(course) / shape[0])
-    columns[:, 0, 1] = -np.ptp(course.position_m) / max(float(np.ptp(course.time_s)), 1e-9)
+    columns[:, 0, 0] = -strain(course, float(shape[0]))
+    for leg, forth in course.legs:
+        way_m, taken_s = (float(np.ptp(each[leg])) for each in (course.position_m, course.time_s))
+        columns[leg, 0, 1] = -forth * way_m / max(taken_s, 1e-9)
     return columns
 
 

@@ -38,7 +38,7 @@ MOST_SLOW = 6
 _MOST_LAYERS = 3
 _HATS = 24
 _HARDLY = 1e-3
-_FEWEST_REACHED = 4
+FEWEST_REACHED = 4
 _SHARE_OF_FREE = 0.85
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
 _IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
@@ -298,7 +298,7 @@ def _reached(kind: Kind, trials: Sequence[Course], shape: Array) -> NDArray[np.b
     changed = [np.mean(kind.columns(course, shape) ** 2) for course in trials]
     share = np.asarray(changed) / [np.mean(course.force(1.0) ** 2) for course in trials]
     reached = share > _HARDLY * share.max()
-    return reached if reached.sum() >= _FEWEST_REACHED else np.ones(len(trials), bool)
+    return reached if reached.sum() >= FEWEST_REACHED else np.ones(len(trials), bool)
 
 
 @dataclass(frozen=True, eq=False)

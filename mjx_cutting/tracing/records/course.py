@@ -19,6 +19,7 @@ _FEEDS_APART = 1.1
 _KNOWN = 1.0
 _STRETCHES = 12
 _AT_REST = 0.02
+_TURNS_BACK = 0.005
 Array = NDArray[np.floating]
 
 
@@ -99,6 +100,17 @@ class Course:
         return (flat - self.same @ (self.same.T @ flat)).reshape(columns.shape)
 
     @cached_property
+    def way_m(self) -> Array:
+        """[T] position as felt, m, which stays where it is until the filter lets the beginning through."""
+        start = float(np.interp(self.delay_s, self.time_s, self.position_m))
+        return np.where(self.time_s < self.delay_s, start, self.position_m)
+
+    @cached_property
+    def legs(self) -> tuple[tuple[slice, float], ...]:
+        """Stretches of the record in which the tool goes one way, and which: 1.0 forth, -1.0 back."""
+        return _legs(self.way_m)
+
+    @cached_property
     def same(self) -> Array:
         """[3 T, 5] orthonormal span of a change of the chip's force, of the edge's, of the three zeros."""
         zero = np.zeros((*self.chip_n.shape, 3))
@@ -108,6 +120,24 @@ class Course:
             span / np.maximum(np.linalg.norm(span, axis=0), 1e-12), full_matrices=False
         )
         return left * (size > 1e-6 * size[0])
+
+
+def _legs(way_m: Array) -> tuple[tuple[slice, float], ...]:
+    """Stretches of a way [T] between those turns after which it goes back by more than a share of it all."""
+    found: list[tuple[slice, float]] = []
+    first = 0
+    band = _TURNS_BACK * float(np.ptp(way_m))
+    gone = way_m - way_m[0]
+    far = np.flatnonzero(np.abs(gone) > band)
+    forth = 1.0 if not len(far) or gone[far[0]] > 0.0 else -1.0
+    while True:
+        along = forth * way_m[first:]
+        back = np.flatnonzero(np.maximum.accumulate(along) - along > band)
+        if not len(back) or band == 0.0:
+            return (*found, (slice(first, len(way_m)), forth))
+        turn = first + int(np.argmax(along[: back[0] + 1]))
+        found.append((slice(first, turn), forth))
+        first, forth = turn, -forth
 
 
 def rate_hz(trial: Trial) -> float:

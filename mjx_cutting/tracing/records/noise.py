@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
@@ -17,12 +19,15 @@ _LEAKS = 5
 Array = NDArray[np.floating]
 
 
-def noise_floor(dataset: Dataset, lines: Lines) -> float:
+def noise_floor(dataset: Dataset, lines: Lines, left: Sequence[Array] = ()) -> float:
     """Heldout NRMSE that sensor noise alone leaves: from air cuts, the stated noise, or between the lines,
     of the spindle and any other; for levels, of which all that changes in a trial lies beside, from what is
     alike at all frequencies.
 
     Of a drill that is so whatever is stated: thrust and torque have no common noise.
+
+    Arguments: `left` [T, 3] what a model leaves of every cut trial: what it explains of the force between the
+        lines, as of a feed that goes in steps, is no noise.
     """
     rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
     force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
@@ -38,8 +43,12 @@ def noise_floor(dataset: Dataset, lines: Lines) -> float:
     else:
         rest = lines.rest_n2.sum() / (3.0 * lines.samples.sum())
         cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
-        between = np.mean([np.mean(power_between_lines(each, rate, band)) for each in cuts])
-        noise = np.sqrt(min(rest, between))
+        between = (
+            np.mean([np.mean(power_between_lines(each, rate, band)) for each in records])
+            for records in (cuts, left)
+            if len(records)
+        )
+        noise = np.sqrt(min(rest, *between))
     return float(noise / max(force, 1e-12))
 
 

@@ -20,7 +20,6 @@ from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.course import feeds_differ
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
-from mjx_cutting.tracing.records.noise import noise_floor
 from mjx_cutting.tracing.records.spindle import measured_speed
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.separation import separations
@@ -48,7 +47,7 @@ def verdict(
     before: Sequence[Dependence],
     after: Sequence[Dependence],
     evidence: dict[str, list[str]],
-    noise_over: float = 1.0,
+    floor_nrmse: float,
     grown: float | None = None,
 ) -> dict[str, Any]:
     """The verdict as a dictionary ready for verdict.json.
@@ -58,10 +57,10 @@ def verdict(
         found, slow: the outcome of the searches over steady effects and over those along a trial.
         before, after: what the residual depends on under the base and under the final model.
         evidence: sentences for each accepted effect, by name.
-        noise_over: share of noise in the records judged over that in the `dataset`.
+        floor_nrmse: share of the force that the noise of the records is.
         grown: share of the force that is noise growing with it, where that is what the model leaves.
     """
-    floor = max(noise_over * noise_floor(dataset, lines), grown or 0.0)
+    floor = max(floor_nrmse, grown or 0.0)
     least = reached(floor, found.problem.tolerance)
     accepted = [each for each in found.rounds if each.accepted is not None]
     kinds = [each.accepted.kind for each in accepted if each.accepted is not None]

@@ -9,12 +9,13 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.along.presliding import HYSTERESIS
+from mjx_cutting.tracing.along.presliding import HYSTERESIS, strain
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.records.course import Course
 
 RATE_HZ, SECONDS, NOISE_N = 500.0, 4.0, 0.2
+PRESLIDING_M = 1e-3
 FEEDS_M_S = (0.002, 0.003, 0.005, 0.008, 0.012, 0.02)
 
 
@@ -79,3 +80,31 @@ def test_a_session_with_hysteresis_is_explained():
     assert found["presliding_m"]["value"] == pytest.approx(truth["presliding_m"], rel=0.02)
     assert found["coulomb_n"]["low"] < truth["coulomb_n"] < found["coulomb_n"]["high"]
     assert verdict["after"]["heldout_nrmse"] < 1.1 * verdict["noise_floor_nrmse"]
+
+
+def test_where_a_trial_turns_back_the_contacts_are_strained_the_other_way():
+    """Against small steps along a way back, forth and back again, with what a position sensor jitters."""
+    way_m = np.concatenate(
+        [np.linspace(0, -4e-3, 300), np.linspace(-4e-3, 2e-2, 900), np.linspace(2e-2, 1.5e-2, 200)]
+    )
+    expected, last = np.zeros(len(way_m)), 0.0
+    for index, step in enumerate(np.diff(way_m)):
+        for _ in range(10):
+            last += (step - abs(step) * last) / (10 * PRESLIDING_M)
+        expected[index + 1] = last
+    jitter = 2e-6 * np.random.default_rng(0).normal(size=len(way_m))
+    nothing = np.zeros((len(way_m), 3))
+    time_s = np.arange(len(way_m)) / RATE_HZ
+    course = Course(time_s, way_m + jitter, None, nothing, nothing, nothing, RATE_HZ, (0.0, 200.0))
+    assert [forth for _, forth in course.legs] == [-1.0, 1.0, -1.0]
+    np.testing.assert_allclose(strain(course, PRESLIDING_M), expected, atol=0.02)
+
+
+def test_a_tool_that_goes_one_way_has_one_leg():
+    forth = np.linspace(0.0, 0.02, 500)
+    nothing = np.zeros((500, 3))
+    for way_m in (forth, np.zeros(500), forth + 3e-6 * np.sin(np.arange(500))):
+        course = Course(
+            np.arange(500) / RATE_HZ, way_m, None, nothing, nothing, nothing, RATE_HZ, (0.0, 200.0)
+        )
+        assert course.legs == ((slice(0, 500), 1.0),)

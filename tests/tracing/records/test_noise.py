@@ -59,3 +59,21 @@ def test_a_wave_along_the_sheet_is_no_noise_of_a_sensor_of_which_none_was_stated
     with _platform.x64():
         quiet, heard = (noise_floor(each, posed(each)[0]) for each in (made, replace(made, trials=waved)))
     assert heard == pytest.approx(quiet, rel=0.3)
+
+
+def test_what_a_model_explains_between_the_lines_is_no_noise(mill, posed):
+    """A feed that goes in steps leaves force at all frequencies; what a model leaves of it tells."""
+    made = mill()
+    made = replace(made, sensor=replace(made.sensor, noise_std_n=None))
+    generator, stepped, explained = np.random.default_rng(5), [], []
+    for trial in made.trials:
+        steps = np.repeat(generator.normal(0.0, 0.1, len(trial.time_s) // 50 + 1), 50)[: len(trial.time_s)]
+        explained.append(trial.force_n * steps[:, None])
+        stepped.append(replace(trial, force_n=trial.force_n + explained[-1]))
+    stirred = replace(made, trials=tuple(stepped))
+    with _platform.x64():
+        quiet, lines = noise_floor(made, posed(made)[0]), posed(stirred)[0]
+        left = [now.force_n - more for now, more in zip(stepped, explained, strict=True)]
+        told, untold = noise_floor(stirred, lines, left), noise_floor(stirred, lines)
+    assert untold > 2.0 * quiet
+    assert told == pytest.approx(quiet, rel=0.3)

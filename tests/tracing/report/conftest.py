@@ -20,6 +20,7 @@ from mjx_cutting.tracing.naming.candidate import Candidate, Round
 from mjx_cutting.tracing.naming.decision import Decision, Interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.tracing.records.noise import noise_floor
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.verdict import verdict
 from mjx_cutting.tracing.trace import Tracing
@@ -74,7 +75,8 @@ def _make(
         if word in ("partly explained", "unexplained")
         else (replace(depends[0], p_value=0.7), depends[1])
     )
-    said = verdict(dataset, lines, found, (), depends, left, {"radial_runout": ["a line of 40 N"]})
+    evidence = {"radial_runout": ["a line of 40 N"]}
+    said = verdict(dataset, lines, found, (), depends, left, evidence, noise_floor(dataset, lines))
     pair = {
         "names": ["radial_runout", "unequal_pitch"],
         "cosine": 0.97,
