@@ -96,7 +96,9 @@ def try_effect(
     decision = decide(kind, before_heldout, after, p, own, tolerance=problem.tolerance, axes=axes)
     if decision.accepted:
         why = refusal(Gain(problem, lines, effects, before, found))
-        decision = decision if why is None else replace(decision, accepted=False, reasons=(why,))
+        decision = (
+            decision if why is None else replace(decision, accepted=False, reasons=(why,), guarded=True)
+        )
     return Candidate(kind, found, after, decision)
 
 

@@ -61,7 +61,8 @@ class Decision:
 
     `physical` is False where it explains what it does only with a parameter at the edge of its range;
     `untold` is True where all that failed is what would tell it from another effect, `scattered` where it is
-    that the gain differs much from trial to trial, `unsure` where it is that or chance.
+    that the gain differs much from trial to trial, `unsure` where it is that or chance; `guarded` where it
+    passed every test and a guard refused it.
     """
 
     accepted: bool
@@ -74,6 +75,7 @@ class Decision:
     untold: bool = False
     scattered: bool = False
     unsure: bool = False
+    guarded: bool = False
 
 
 def chance(drop: float, added: int, spread: float, floor: float, freedom: int, tries: int) -> float:

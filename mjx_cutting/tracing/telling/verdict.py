@@ -34,6 +34,7 @@ _TELLING = 5.0
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
 _MUCH = 0.01
+_SMALL_PART = 0.25
 _SCATTER = 0.015
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 _WIDER = "trials over a wider range of speed and feed"
@@ -66,7 +67,7 @@ def verdict(
     kinds = [each.accepted.kind for each in accepted if each.accepted is not None]
     # a second of one kind asks for no other cause than that which is there already
     firsts = (each for place, each in enumerate(accepted) if kinds[place] not in kinds[:place])
-    ties = (_tie(each, kinds, dataset, lines, found) for each in firsts)
+    ties = (_tie(each, kinds, dataset, lines, found, floor) for each in firsts)
     ambiguous = [pair for pair in ties if pair is not None]
     named: list[dict[str, Any]] = []
     for each, own in zip(accepted, found.intervals, strict=True):
@@ -259,27 +260,44 @@ def _parameter(found: Interval) -> dict[str, Any]:
 
 
 def _tie(
-    each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
+    each: Round,
+    named: Container[type[AbstractEffect]],
+    dataset: Dataset,
+    lines: Lines,
+    found: Search,
+    floor: float = 0.0,
 ) -> dict[str, Any] | None:
     """The accepted effect and another that explains as much; beside all that was found later too, where they
     were tried so: what else was missing made two look alike that are not."""
-    tied = _tied(each, named, dataset, lines, found)
-    return tied if tied is None or each.again is None else _tied(each.again, named, dataset, lines, found)
+    tied = _tied(each, named, dataset, lines, found, floor)
+    if tied is None or each.again is None:
+        return tied
+    return _tied(each.again, named, dataset, lines, found, floor)
 
 
 def _tied(
-    each: Round, named: Container[type[AbstractEffect]], dataset: Dataset, lines: Lines, found: Search
+    each: Round,
+    named: Container[type[AbstractEffect]],
+    dataset: Dataset,
+    lines: Lines,
+    found: Search,
+    floor: float,
 ) -> dict[str, Any] | None:
     """The accepted effect and another, not `named` itself, that explains the same part of the force not worse
-    beyond two standard errors and passed every test, or all but that which would tell the two apart."""
+    beyond two standard errors and passed every test, or all but that which would tell the two apart. Or one
+    that passed every test and is worse by a small part of what neither explains beyond the noise, `floor` of
+    the force: whatever that is may favour either, and be what a guard refused the other for."""
     assert each.accepted is not None
     best = each.accepted.heldout
+    unexplained = float(best.error_n2.sum() - floor**2 * best.energy_n2.sum())
     for other in each.candidates:
-        if other.kind in named or not (other.decision.accepted or other.decision.untold):
+        told = other.decision
+        if other.kind in named or not (told.accepted or told.untold or told.guarded):
             continue
         second, first = (each.error_n2.sum(axis=1) for each in (other.heldout, best))
         gap = second - first
-        if max(surely(gap), surely(gap / np.maximum(second + first, 1e-300))) <= TIED:
+        close = max(surely(gap), surely(gap / np.maximum(second + first, 1e-300))) <= TIED
+        if (close and not told.guarded) or float(gap.sum()) < _SMALL_PART * unexplained:
             first = np.ravel(best.error_n2 - each.before.error_n2)
             second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
             cosine = float(first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-300))

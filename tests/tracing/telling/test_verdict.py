@@ -39,8 +39,9 @@ def _heldout(*by_trial: tuple[float, float, float]) -> HeldOut:
     return HeldOut(np.array(by_trial), np.full((len(by_trial), 3), 10.0), None, np.arange(len(by_trial)))
 
 
-def _candidate(kind, heldout: HeldOut) -> SimpleNamespace:
-    return SimpleNamespace(kind=kind, heldout=heldout, decision=SimpleNamespace(accepted=True, untold=False))
+def _candidate(kind, heldout: HeldOut, guarded: bool = False) -> SimpleNamespace:
+    decision = SimpleNamespace(accepted=not guarded, untold=False, guarded=guarded)
+    return SimpleNamespace(kind=kind, heldout=heldout, decision=decision)
 
 
 @pytest.mark.parametrize(
@@ -63,3 +64,20 @@ def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
         later = SimpleNamespace(**vars(each) | {"candidates": (best, _candidate(ClampMode, before))})
         each.again = later
         assert told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None)) is None
+
+
+@pytest.mark.parametrize(
+    ("left", "rival", "tied"),
+    [((0.4, 0.4, 0.4), 0.45, True), ((0.4, 0.4, 0.4), 0.7, False), ((0.02, 0.02, 0.02), 0.05, False)],
+    ids=["hardly worse beside what is left", "worse", "next to nothing is left"],
+)
+def test_where_much_is_left_one_that_a_guard_refused_may_be_as_good(left, rival, tied, monkeypatch):
+    """The gap is the same in every trial, beyond any standard error: what neither explains may make it."""
+    monkeypatch.setattr(told, "_settles", lambda *_: "another feed")
+    best = _candidate(RobotMode, _heldout(*[left] * 4))
+    other = _candidate(ClampMode, _heldout(*[(rival,) * 3] * 4), guarded=True)
+    each = SimpleNamespace(
+        accepted=best, candidates=(best, other), before=_heldout(*[(2.0, 2.0, 2.0)] * 4), again=None
+    )
+    found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None), floor=0.03)
+    assert (found is not None) is tied
