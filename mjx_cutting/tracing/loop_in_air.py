@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.engaged import in_the_air
-from mjx_cutting.tracing.along.presliding import HYSTERESIS
+from mjx_cutting.tracing.along.presliding import HYSTERESIS, Columns, rather_in_time
 from mjx_cutting.tracing.along.slow import SlowRound, search_slow
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.passes import Pass, near_floor
@@ -51,12 +51,20 @@ def loop_in_air(
     named = {kind.name for kind in found.kinds}
     if ENDS not in named or HYSTERESIS.name in named or near_floor(found):
         return found
+    files = {trial.file for trial in whole.trials}
+    if not all(trial.file in files for trial in found.dataset.trials if trial.kind == "cut"):
+        return found
     courses, before = _beside_the_cut(whole, found)
     if sum(bool(each.air.any()) for each in courses) < _FEWEST:
         return found
     progress("in the air: hysteresis")
     weight, tolerance = np.asarray(found.search.problem.weight), found.search.problem.tolerance
-    kind = replace(HYSTERESIS, columns=_in_air, rather=None, testable=lambda courses: True)
+    kind = replace(
+        HYSTERESIS,
+        columns=_in_air(HYSTERESIS.columns),
+        rather=lambda courses, effect: rather_in_time(courses, effect, _in_air),
+        testable=lambda courses: True,
+    )
     rounds = search_slow(courses, before, weight, kinds=(kind,), tolerance=tolerance)
     if not rounds or rounds[0].accepted is None:
         return found
@@ -91,16 +99,21 @@ def _without_drag(dataset: Dataset, drag: AbstractEffect) -> Dataset:
     return replace(dataset, trials=tuple(trials))
 
 
-def _in_air(course: Course, shape: Array) -> Array:
-    """[T, 3, 3] columns of the drag in the air, and of a zero that all trials have."""
-    assert isinstance(course, _Beside)
-    columns = HYSTERESIS.columns(course, shape)
-    zero = np.zeros((len(columns), 3, 1))
-    if course.own_zero:
-        columns = columns - columns[course.air].mean(axis=0) if course.air.any() else columns
-    else:
-        zero[:, 0] = 1.0
-    return np.concatenate([columns, zero], axis=-1) * course.air[:, None, None]
+def _in_air(whole: Columns) -> Columns:
+    """[T, 3, 3] columns of a drag in the air, of which the `whole` record has two, and of a zero along the
+    feed that all trials have."""
+
+    def columns(course: Course, shape: Array) -> Array:
+        assert isinstance(course, _Beside)
+        drag = whole(course, shape)
+        zero = np.zeros((len(drag), 3, 1))
+        if course.own_zero:
+            drag = drag - drag[course.air].mean(axis=0) if course.air.any() else drag
+        else:
+            zero[:, 0] = 1.0
+        return np.concatenate([drag, zero], axis=-1) * course.air[:, None, None]
+
+    return columns
 
 
 def _beside_the_cut(whole: Dataset, found: Pass) -> tuple[list[_Beside], HeldOut]:

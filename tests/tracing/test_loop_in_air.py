@@ -27,7 +27,7 @@ def _strain(position_m):
     return strain
 
 
-def _turns_back_in_air(case: Case, drag) -> Dataset:
+def _turns_back_in_air(case: Case, drag, back_m: float = BACK_M) -> Dataset:
     """The trials with a way back and forth in the air before each, and `drag` (position, time) there, N."""
     generator, trials, dataset = np.random.default_rng(8), [], case.dataset
     rate, noise = dataset.sensor.sample_rate_hz, np.asarray(dataset.sensor.noise_std_n)
@@ -41,7 +41,7 @@ def _turns_back_in_air(case: Case, drag) -> Dataset:
             travel[0]
             - np.arange(1, round(FORTH_M / trial.feed_speed_m_s * rate)) * trial.feed_speed_m_s / rate
         )
-        back = forth[-1] + np.arange(1, round(BACK_M / BACK_M_S * rate)) * BACK_M_S / rate
+        back = forth[-1] + np.arange(1, max(round(back_m / BACK_M_S * rate), 1)) * BACK_M_S / rate
         place = np.concatenate([back[::-1], forth[::-1], travel])
         before = len(place) - len(travel)
         time = np.arange(len(place)) / rate
@@ -79,4 +79,13 @@ def test_what_swings_in_the_air_by_itself_is_no_drag():
 
     case = make("mill", {"entry_exit": "medium"}, 40)
     found = trace(_turns_back_in_air(case, swing), effects=EFFECTS).verdict
+    assert "hysteresis" not in [each["name"] for each in found["effects"]]
+
+
+@pytest.mark.slow
+def test_what_settles_in_time_is_no_drag():
+    """An amplifier that is switched on with the recorder, on a way that does not turn back."""
+    case = make("mill", {"entry_exit": "medium"}, 40)
+    settling = _turns_back_in_air(case, lambda x, t: -COULOMB_N * np.expm1(-t / 0.1), back_m=0.0)
+    found = trace(settling, effects=EFFECTS).verdict
     assert "hysteresis" not in [each["name"] for each in found["effects"]]

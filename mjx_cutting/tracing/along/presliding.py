@@ -29,6 +29,7 @@ _CLOSER = 13
 _AS_GOOD = 0.9
 _NEXT_TO_NONE_N_S_M = 1e-3
 Array = NDArray[np.floating]
+Columns = Callable[[Course, Array], Array]
 
 
 def strain(course: Course, presliding_m: float) -> Array:
@@ -78,13 +79,16 @@ def _in_time(course: Course, shape: Array) -> Array:
     return columns
 
 
-def _rather_in_time(courses: Sequence[Course], effect: AbstractEffect) -> str:
-    """What takes the same time at every feed is no friction."""
+def rather_in_time(
+    courses: Sequence[Course], effect: AbstractEffect, seen: Callable[[Columns], Columns] = lambda each: each
+) -> str:
+    """Why friction is refused that is found where what takes the same time at every feed does as well; ""
+    where that does not. `seen` makes of the columns of a drag what the courses show of it."""
     longest = min(float(each.time_s[-1]) for each in courses)
     shortest = _FEWEST_SAMPLES / min(each.rate_hz for each in courses)
     times = np.geomspace(shortest, _LONGEST * longest, _DISTANCES)[:, None]
-    by_time = _fall(courses, _in_time, times)
-    by_way = _fall(courses, _drag, np.array([[float(effect.values()["presliding_m"])]]))
+    by_time = _fall(courses, seen(_in_time), times)
+    by_way = _fall(courses, seen(_drag), np.array([[float(effect.values()["presliding_m"])]]))
     if by_time < _AS_GOOD * by_way:
         return ""
     return (
@@ -93,7 +97,7 @@ def _rather_in_time(courses: Sequence[Course], effect: AbstractEffect) -> str:
     )
 
 
-def _fall(courses: Sequence[Course], columns: Callable[[Course, Array], Array], shapes: Array) -> float:
+def _fall(courses: Sequence[Course], columns: Columns, shapes: Array) -> float:
     """Fall of the squared error along the feed at the best of the shapes, N^2."""
     _, _, fall = solve(sums(columns, courses, shapes), np.ones(len(courses)), np.array([1.0, 0.0, 0.0]))
     return float(fall.max())
@@ -105,7 +109,7 @@ HYSTERESIS = Kind(
     _distances,
     _drag,
     _effect,
-    rather=_rather_in_time,
+    rather=rather_in_time,
     refine=_near,
     untold=("stiction", "viscous_n_s_m"),
 )
