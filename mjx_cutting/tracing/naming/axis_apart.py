@@ -14,9 +14,7 @@ from jax import Array
 
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.sensor_resonance import SensorResonance
-from mjx_cutting.tracing.fitting.fit import Effects, Fit
-from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.candidate import Candidate, Contest
+from mjx_cutting.tracing.naming.candidate import Candidate
 from mjx_cutting.tracing.naming.place import Place
 
 _RATIOS = (0.4, 0.6, 0.8, 0.95, 1.05, 1.25, 1.5, 1.8, 2.5)
@@ -44,12 +42,10 @@ class ResonanceByAxis(SensorResonance):
         return np.zeros((0, cls.size(tool)))
 
 
-def axis_apart(
-    found: Candidate, contest: Contest, effects: Effects, before: Fit, before_heldout: HeldOut
-) -> Candidate:
+def axis_apart(found: Candidate, place: Place) -> Candidate:
     """The candidate `found`, or a resonance by axis where that is one of all axes and z shows another."""
-    place = Place(contest, effects[:-1], before, before_heldout)
-    if found.kind is not SensorResonance or not contest.problem.alive[2] or not place.worth_it(found):
+    shows_z = place.contest.problem.alive[2]
+    if found.kind is not SensorResonance or not shows_z or not place.worth_it(found):
         return found
     x = np.asarray(found.fit.x)
     starts = [np.append(x, [np.log(ratio), 0.0]) for ratio in _RATIOS]

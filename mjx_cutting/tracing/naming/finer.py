@@ -6,6 +6,7 @@ from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.axis_apart import axis_apart
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest
+from mjx_cutting.tracing.naming.place import Place
 from mjx_cutting.tracing.naming.wear_stages import in_stages
 
 _WAYS = (in_stages, axis_apart)
@@ -18,6 +19,7 @@ def finer(
 
     Arguments: those of `candidate.try_effect`, by which `found` was tried.
     """
+    place = Place(contest, effects[:-1], before, before_heldout)
     for way in _WAYS:
-        found = way(found, contest, effects, before, before_heldout)
+        found = way(found, place)
     return found

@@ -17,9 +17,7 @@ from jax import Array
 
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.flank_wear import RATE, FlankWear
-from mjx_cutting.tracing.fitting.fit import Effects, Fit
-from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.candidate import Candidate, Contest
+from mjx_cutting.tracing.naming.candidate import Candidate
 from mjx_cutting.tracing.naming.place import Place
 
 _RUN_IN = (0.03, 0.1, 0.3)
@@ -66,14 +64,11 @@ class WearInStages(FlankWear):
         return np.asarray([[0.3, 0.5, 0.3, *ways]])
 
 
-def in_stages(
-    found: Candidate, contest: Contest, effects: Effects, before: Fit, before_heldout: HeldOut
-) -> Candidate:
+def in_stages(found: Candidate, place: Place) -> Candidate:
     """The candidate `found`, or wear in stages where that is even wear and they explain more."""
-    place = Place(contest, effects[:-1], before, before_heldout)
     if found.kind is not FlankWear or not place.worth_it(found):
         return found
-    longest_m = float(np.max(np.asarray(contest.problem.cut.cut_length_m)))
+    longest_m = float(np.max(np.asarray(place.contest.problem.cut.cut_length_m)))
     x = np.asarray(found.fit.x)
     sharp = [np.array([0.0, np.log(share * longest_m)]) for share in _RUN_IN]
     blunt = [np.array([0.0, np.log(share / (_LATEST - share))]) for share in _LATE]

@@ -133,7 +133,7 @@ def _legs(way_m: Array) -> tuple[tuple[slice, float], ...]:
     while True:
         along = forth * way_m[first:]
         back = np.flatnonzero(np.maximum.accumulate(along) - along > band)
-        if not len(back) or band == 0.0:
+        if not len(back):
             return (*found, (slice(first, len(way_m)), forth))
         turn = first + int(np.argmax(along[: back[0] + 1]))
         found.append((slice(first, turn), forth))

@@ -265,7 +265,7 @@ def _tie(
     dataset: Dataset,
     lines: Lines,
     found: Search,
-    floor: float = 0.0,
+    floor: float,
 ) -> dict[str, Any] | None:
     """The accepted effect and another that explains as much; beside all that was found later too, where they
     were tried so: what else was missing made two look alike that are not."""

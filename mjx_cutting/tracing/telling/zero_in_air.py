@@ -1,8 +1,8 @@
 """Does the sensor's zero, which is read in air, stay where the model has it?
 
 A session that was zeroed once and holds several cuts in air shows its zero by itself, whatever the cuts say.
-Where that differs between records by more than the model found has it move, the zero
-moves, though no effect that moves it could be named.
+Where that differs between records by more than the model found has it move, the zero moves, though no effect
+that moves it could be named.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
     other = _candidate(ClampMode, _heldout(*rival))
     before = _heldout(*[(1.0, 1.0, 1.0)] * 4)
     each = SimpleNamespace(accepted=best, candidates=(best, other), before=before, again=None)
-    found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None))
+    found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None), floor=0.0)
     assert (found is not None) is tied
     if tied:
         assert found["names"] == ["robot_mode", "clamp_mode"]
@@ -63,7 +63,7 @@ def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
         # beside what was found later the other explains nothing of it
         later = SimpleNamespace(**vars(each) | {"candidates": (best, _candidate(ClampMode, before))})
         each.again = later
-        assert told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None)) is None
+        assert told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None), floor=0.0) is None
 
 
 @pytest.mark.parametrize(
