@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from benchmarks.study.designs import plan
+from benchmarks.study.generator import recorded
 from mjx_cutting.tracing.fitting.problem import Problem, pose
 from mjx_cutting.tracing.records.lines import Lines, compress, trusted_band
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
@@ -39,6 +42,33 @@ def mill():
         return make_trials(MILL, MILL_SHEET, MILL_CUTS, sensor, hidden=hidden, duration_s=0.8, seed=seed)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def hiding():
+    """Call it with effects by name with parameters of their own: an end mill's session of the study."""
+
+    def make(effects: dict, seed: int = 401) -> Dataset:
+        session, trials = recorded(plan("mill", seed), effects, seed)
+        told = {"name": "hiding", "source": "benchmarks/study", "licence": "Apache-2.0"}
+        return Dataset(**told, tool=session.tool, sensor=session.sensor, trials=trials)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def strained():
+    """Call it with a way [T] and a presliding distance, m: strain of the contacts, by small steps."""
+
+    def along(way_m: np.ndarray, presliding_m: float) -> np.ndarray:
+        strain, last = np.zeros(len(way_m)), 0.0
+        for index, step in enumerate(np.diff(way_m)):
+            for _ in range(10):
+                last += (step - abs(step) * last) / (10.0 * presliding_m)
+            strain[index + 1] = last
+        return strain
+
+    return along
 
 
 @pytest.fixture(scope="session")

@@ -17,16 +17,6 @@ EFFECTS = ("radial_runout", "entry_exit", "hysteresis")
 BACK_M, FORTH_M, BACK_M_S = 4e-3, 9e-3, 5e-3
 
 
-def _strain(position_m):
-    """[T] strain of the contacts by small steps along the way, from rest."""
-    strain, last = np.zeros(len(position_m)), 0.0
-    for index, step in enumerate(np.diff(position_m)):
-        for _ in range(8):
-            last += (step - abs(step) * last) / (8.0 * PRESLIDING_M)
-        strain[index + 1] = last
-    return strain
-
-
 def _turns_back_in_air(case: Case, drag, back_m: float = BACK_M) -> Dataset:
     """The trials with a way back and forth in the air before each, and `drag` (position, time) there, N."""
     generator, trials, dataset = np.random.default_rng(8), [], case.dataset
@@ -54,10 +44,11 @@ def _turns_back_in_air(case: Case, drag, back_m: float = BACK_M) -> Dataset:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [40, 47], ids=["zeroed once", "zeroed before each"])
-def test_the_loop_is_named_with_its_force_and_its_way(seed):
+def test_the_loop_is_named_with_its_force_and_its_way(strained, seed):
     """And the sheet's beginning beside it, which the drag would bend, as geometry has it."""
     case = make("mill", {"entry_exit": "medium"}, seed)
-    found = trace(_turns_back_in_air(case, lambda x, t: COULOMB_N * _strain(x)), effects=EFFECTS).verdict
+    dragged = _turns_back_in_air(case, lambda x, t: COULOMB_N * strained(x, PRESLIDING_M))
+    found = trace(dragged, effects=EFFECTS).verdict
     entry, drag = found["effects"]
     assert found["verdict"] == "explained"
     assert (entry["name"], drag["name"]) == ("entry_exit", "hysteresis")

@@ -82,16 +82,12 @@ def test_a_session_with_hysteresis_is_explained():
     assert verdict["after"]["heldout_nrmse"] < 1.1 * verdict["noise_floor_nrmse"]
 
 
-def test_where_a_trial_turns_back_the_contacts_are_strained_the_other_way():
+def test_where_a_trial_turns_back_the_contacts_are_strained_the_other_way(strained):
     """Against small steps along a way back, forth and back again, with what a position sensor jitters."""
     way_m = np.concatenate(
         [np.linspace(0, -4e-3, 300), np.linspace(-4e-3, 2e-2, 900), np.linspace(2e-2, 1.5e-2, 200)]
     )
-    expected, last = np.zeros(len(way_m)), 0.0
-    for index, step in enumerate(np.diff(way_m)):
-        for _ in range(10):
-            last += (step - abs(step) * last) / (10 * PRESLIDING_M)
-        expected[index + 1] = last
+    expected = strained(way_m, PRESLIDING_M)
     jitter = 2e-6 * np.random.default_rng(0).normal(size=len(way_m))
     nothing = np.zeros((len(way_m), 3))
     time_s = np.arange(len(way_m)) / RATE_HZ

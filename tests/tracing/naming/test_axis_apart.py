@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.study.designs import plan
-from benchmarks.study.generator import recorded
 from mjx_cutting.tracing import trace
-from mjx_cutting.trials.dataset import Dataset
 
 pytestmark = pytest.mark.slow
 
@@ -17,18 +14,14 @@ pytestmark = pytest.mark.slow
     [(1.6, 1.4), (0.7, 1.0), (1.0, 1.0)],
     ids=["stiffer", "softer", "alike"],
 )
-def test_frequency_and_damping_along_the_axis_are_found(frequency_ratio: float, damping_ratio: float):
+def test_frequency_and_damping_along_the_axis_are_found(hiding, frequency_ratio: float, damping_ratio: float):
     hidden = {
         "frequency_hz": 420.0,
         "damping": 0.05,
         "axial_frequency_ratio": frequency_ratio,
         "axial_damping_ratio": damping_ratio,
     }
-    session, trials = recorded(plan("mill", 401), {"sensor_resonance": hidden}, 401)
-    dataset = Dataset(
-        name="stiffer", source="benchmarks/study", licence="Apache-2.0",
-        tool=session.tool, sensor=session.sensor, trials=trials,
-    )  # fmt: skip
+    dataset = hiding({"sensor_resonance": hidden})
     found = trace(dataset, effects=("robot_mode", "clamp_mode", "sensor_resonance", "radial_runout"))
     (named,) = found.verdict["effects"]
     assert (found.verdict["verdict"], named["name"]) == ("explained", "sensor_resonance")

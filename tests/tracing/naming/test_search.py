@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.study import make
-from benchmarks.study.designs import plan
-from benchmarks.study.generator import recorded
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.naming.search import _accepted
-from mjx_cutting.trials.dataset import Dataset
 
 
 def _candidate(gain: float, accepted: bool, scattered: bool = False) -> SimpleNamespace:
@@ -42,14 +39,10 @@ def test_a_drift_that_one_cold_trial_shows_most_is_not_called_wear():
 
 
 @pytest.mark.slow
-def test_an_arm_that_swings_in_two_directions_has_two_modes_and_one_name():
+def test_an_arm_that_swings_in_two_directions_has_two_modes_and_one_name(hiding):
     along = {"mass_ratio": 0.3, "frequency_hz": 180.0, "damping": 0.04, "direction_rad": 0.1}
     across = {"mass_ratio": 0.2, "frequency_hz": 235.0, "damping": 0.03, "direction_rad": 1.6}
-    session, trials = recorded(plan("mill", 401), {"robot_mode": {**along, "others": [across]}}, 401)
-    dataset = Dataset(
-        name="arm", source="benchmarks/study", licence="Apache-2.0",
-        tool=session.tool, sensor=session.sensor, trials=trials,
-    )  # fmt: skip
+    dataset = hiding({"robot_mode": {**along, "others": [across]}})
     found = trace(dataset, effects=("robot_mode", "clamp_mode", "sensor_resonance", "radial_runout"))
     (named,) = found.verdict["effects"]
     assert (found.verdict["verdict"], named["name"]) == ("explained", "robot_mode")
