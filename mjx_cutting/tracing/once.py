@@ -1,6 +1,7 @@
 """One pass over a data set: the search over steady effects, then the one over effects along a trial.
 
-Of a sensor without a filter, what the teeth do beyond the highest line is taken off first (`edges`).
+Of a sensor without a filter, what the teeth do beyond the highest line is taken off first, and again as the
+teeth are found to be (`edges`).
 
 A steady model fitted to records that hold an effect along the trial has taken part of it for its own (a layer
 lowers the constants), or does not see a steady effect beneath it. So what was found is taken out of the
@@ -22,10 +23,10 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
 from mjx_cutting.tracing.by_place import by_place
-from mjx_cutting.tracing.fitting.edges import without_edges
+from mjx_cutting.tracing.fitting.edges import as_found, without_edges
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.fitting.problem import Problem, pose
+from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.guards.now_and_then import rather_now_and_then
 from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.passes import Pass, Searches, missing, near_floor
@@ -57,10 +58,14 @@ def once(
     `posed` makes the fitting problem of the trials.
     """
     progress("reading the lines of every trial")
+    measured = dataset
     if posed is pose:
-        dataset = without_edges(dataset, band_hz)
+        dataset = without_edges(measured, band_hz)
     searches = Searches(band_hz, tuple(kind.name for kind in kinds), seed, progress, posed)
     alone = searches.steady(dataset, steady)
+    if dataset is not measured and (clearer := _less_edges_as_found(measured, alone)) is not None:
+        progress("once more, without the edges of the teeth as found")
+        alone = searches.steady(clearer, steady)
     first = searches.along(alone, alone.search.final, in_range=False)
     found = _beside_steady(first, steady, searches) or _freed(first, steady, searches)
     if not all(each.decision.physical for each in found.along):
@@ -72,6 +77,16 @@ def once(
         return found
     bare = once(dataset, band_hz, kinds, (), seed, progress, posed)
     return replace(bare, search=replace(bare.search, rounds=(refused(found.search.rounds[0], why),)))
+
+
+def _less_edges_as_found(measured: Dataset, alone: Pass) -> Dataset | None:
+    """The trials less what their teeth, unlike each other, do beyond the lines; None where that is no more
+    than was taken off before."""
+    found = alone.search
+    if not found.effects:
+        return None
+    bias = shared_bias(found.problem, found.final_fit.x)
+    return as_found(measured, alone.lines, found.problem, found.final_fit.model, bias)
 
 
 def _rather_the_rest(found: Pass) -> str | None:

@@ -12,8 +12,8 @@ noise, one of the strongest near one frequency in all of them, not the same to t
 although the speeds differ (a line of the mains stays put), nor the same part of the spindle's (what a gear or
 belt does turns with it), further from tooth passing than a slow change of the force puts its sidebands, and
 not where a known wave of the sheet puts them, of three hundredths of the force or more (what ends its growth
-is that teeth leave the chip), and none of it in air; and when the error on the stretches not fitted falls by
-a tenth.
+is that teeth leave the chip), and none of it in air; and when the error of those trials, on the stretches not
+fitted, falls by a tenth.
 Where trials at a flip lobe show half of tooth passing among the spindle's own orders (`flip`), those count as
 well.
 """
@@ -283,10 +283,10 @@ def _reasons(
     resolution = 1.0 / min(after[i].time_s[-1] for i in shown) if shown else 0.0
     if shown and np.ptp(speeds) > SPREAD * speeds.mean() and np.ptp(frequency) < resolution:
         reasons.append(f"the line stays at {frequency.mean():.2f} Hz whatever the speed: not self-excited")
-    if held_out.nrmse > (1.0 - _LEAST_FALL) * before.nrmse:
-        reasons.append(
-            f"error on stretches not fitted goes from {before.nrmse:.4f} to {held_out.nrmse:.4f} only"
-        )
+    them = np.isin(np.arange(len(after)), shown)
+    first, then = (each.only(them).nrmse if shown else each.nrmse for each in (before, held_out))
+    if then > (1.0 - _LEAST_FALL) * first:
+        reasons.append(f"error on stretches of them not fitted goes from {first:.4f} to {then:.4f} only")
     for trial in dataset.trials:
         if trial.kind == "air" and shown and _in_air(trial.force_n, trial.time_s, frequency):
             reasons.append(f"{trial.file}: the lines are in air too")

@@ -4,33 +4,36 @@ A straight tooth enters and leaves at once. A sensor without a filter samples th
 own rise time (a mean over a part of the sampling interval, the same in all trials), and the share of it that
 lies beyond the highest order a record can tell apart folds to any frequency: some per cent of the force,
 which stands between the lines as noise would. The shape of it is known, exact at every angle, for each
-constant of the base model; how much of each a trial has is fitted to what its lines leave, whatever wears the
-teeth. That is taken off the records.
+constant of a model; how much of each a trial has is fitted to what its lines leave, whatever wears the teeth.
+That is taken off the records: as the base model has it first, then as a model found in what is left has it,
+whose teeth are unlike each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import pinvh
 
-from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import CONSTANTS, Problem, pose, shared_bias
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import helix_gain
-from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.tracing.records.lines import Lines, compress
 from mjx_cutting.trials.dataset import Dataset
 
 _PLACES = 1 << 17
+_PLACES_A_TURN = 1 << 18
+_AT_ONCE = 1 << 13
 _LESS = 0.9
 _TURN_RAD = np.linspace(-0.004, 0.004, 17)
 _STRETCH_RAD = np.linspace(-0.02, 0.02, 81)
@@ -50,31 +53,64 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
         return dataset
     lines = lines_as_it_turned(dataset, band_hz)
     problem, base = fit_base(pose(dataset, lines))
-    shown = predictions(dataset, lines, problem, base.model, shared_bias(problem, base.x))
-    wide_s = _width_s(problem, lines.orders, shown, dataset.sensor.sample_rate_hz)
-    edges = iter(
-        [
-            _Edges(problem, _beyond(problem, index, lines.orders), each, wide_s).best()
-            for index, each in enumerate(shown)
-        ]
-    )
-    trials = (
-        replace(trial, force_n=trial.force_n - next(edges)) if trial.kind == "cut" else trial
-        for trial in dataset.trials
-    )
-    cleared = replace(dataset, trials=tuple(trials))
+    cleared = _less_edges(dataset, lines, problem, base.model, shared_bias(problem, base.x))
     rest = compress(cleared, band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
     return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else dataset
 
 
-def _width_s(problem: Problem, orders: int, shown: Sequence[Prediction], rate_hz: float) -> float:
+def as_found(
+    dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, bias_n: ArrayLike
+) -> Dataset | None:
+    """The trials less what unlike teeth do beyond the lines; None where `model` holds nothing by which teeth
+    differ, or what it says is no better.
+
+    Arguments: `dataset` as measured; `lines`, `problem`, `model` and `bias_n` [3] as found on the trials less
+        what `without_edges` takes off.
+    """
+    if not model.effects or not all(_of_the_teeth(each) for each in model.effects):
+        return None
+    cleared = _less_edges(dataset, lines, problem, model, bias_n)
+    rest = compress(cleared, lines.band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
+    return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else None
+
+
+def _of_the_teeth(effect: AbstractEffect) -> bool:
+    """Whether an effect changes the chip or the law under an edge, and so the edges of the force."""
+    return effect.stage in ("chip", "edge")
+
+
+def _less_edges(
+    dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, bias_n: ArrayLike
+) -> Dataset:
+    shown = predictions(dataset, lines, problem, model, bias_n)
+    # teeth that are all alike repeat at every pitch
+    a_turn = 1 if model.effects else problem.tool.teeth
+
+    def beyond(trial: int) -> NDArray[np.complexfloating]:
+        return _beyond(problem, model, trial, lines.orders, a_turn)
+
+    wide_s = _width_s(beyond, a_turn, shown, dataset.sensor.sample_rate_hz)
+    edges = iter([_Edges(beyond(index), a_turn, each, wide_s).best() for index, each in enumerate(shown)])
+    trials = (
+        replace(trial, force_n=trial.force_n - next(edges)) if trial.kind == "cut" else trial
+        for trial in dataset.trials
+    )
+    return replace(dataset, trials=tuple(trials))
+
+
+def _width_s(
+    beyond: Callable[[int], NDArray[np.complexfloating]],
+    a_turn: int,
+    shown: Sequence[Prediction],
+    rate_hz: float,
+) -> float:
     """Time over which the sensor averages, s, by what the first trials show of their edges."""
-    few = [(_beyond(problem, index, orders), each) for index, each in enumerate(shown[:_SHOWING])]
-    places = [_Edges(problem, *each, 0.0).place() for each in few]
+    few = [(beyond(index), a_turn, each) for index, each in enumerate(shown[:_SHOWING])]
+    places = [_Edges(*each, 0.0).place() for each in few]
 
     @cache
     def missed(wide_s: float) -> float:
-        edges = (_Edges(problem, *each, wide_s) for each in few)
+        edges = (_Edges(*each, wide_s) for each in few)
         return sum(one.missed(one.closer(place)) for one, place in zip(edges, places, strict=True))
 
     best = min((share / rate_hz for share in _WIDTHS), key=missed)
@@ -86,12 +122,11 @@ def _width_s(problem: Problem, orders: int, shown: Sequence[Prediction], rate_hz
 class _Edges:
     """What a trial shows of the shapes beyond its lines, seen by a sensor that averages over a time."""
 
-    def __init__(self, problem: Problem, lines: NDArray, shown: Prediction, wide_s: float):
-        """`lines` as of `_beyond`."""
-        tooth_hz = problem.tool.teeth * shown.speed_rev_s
-        averaged = np.sinc(np.arange(lines.shape[1]) * tooth_hz * wide_s)
-        self.shapes = np.fft.irfft(lines * averaged[:, None], _PLACES, axis=1)
-        self.left, self.pitch = shown.residual_n, 2.0 * np.pi / problem.tool.teeth
+    def __init__(self, lines: NDArray[np.complexfloating], a_turn: int, shown: Prediction, wide_s: float):
+        """`lines` as of `_beyond`, of shapes of which there are so many `a_turn`."""
+        averaged = np.sinc(np.arange(lines.shape[1]) * a_turn * shown.speed_rev_s * wide_s)
+        self.shapes = np.fft.irfft(lines * averaged[:, None], axis=1)
+        self.left, self.period = shown.residual_n, 2.0 * np.pi / a_turn
         self.angle, self.way = shown.angle_rad, np.linspace(-0.5, 0.5, len(shown.residual_n))
 
     def best(self) -> Array:
@@ -118,7 +153,8 @@ class _Edges:
     def at(self, place: Place) -> Array:
         """[T, 3] what is shown at the angles turned and stretched so."""
         angle = self.angle + place[0] + place[1] * self.way
-        shapes = self.shapes[:, np.round(angle / self.pitch * _PLACES).astype(int) % _PLACES]
+        places = self.shapes.shape[1]
+        shapes = self.shapes[:, np.round(angle / self.period * places).astype(int) % places]
         return _fitted(shapes, self.left)
 
     def missed(self, place: Place) -> float:
@@ -138,25 +174,30 @@ def _fitted(shapes: Array, left_n: Array) -> Array:
     return found
 
 
-def _beyond(problem: Problem, trial: int, orders: int) -> NDArray[np.complexfloating]:
-    """[C, P / 2 + 1, 3] lines of a trial's force over a pitch less those up to an order, for each constant
-    alone at 1."""
+def _beyond(
+    problem: Problem, model: ForceModel, trial: int, orders: int, a_turn: int
+) -> NDArray[np.complexfloating]:
+    """[C, P / 2 + 1, 3] lines of a trial's force over a turn, or that part of it of which it has so many
+    `a_turn`, less those up to an order, for each constant alone at 1."""
     tool, cut = problem.tool, jax.tree.map(lambda leaf: leaf[trial], problem.cut)
-    lines = np.fft.rfft(np.asarray(_over_a_pitch(tool, cut)), axis=1)
-    lines[:, : orders // tool.teeth + 1] = 0.0
-    # the lines of a pitch are those at multiples of the teeth
-    gain = helix_gain(cut.axial_width_m, tool.diameter_m / tool.teeth, tool.helix_rad, _PLACES // 2)
+    places = _PLACES if a_turn > 1 else _PLACES_A_TURN
+    lines = np.fft.rfft(np.asarray(_each_alone(tool, model.effects, cut, a_turn, places)), axis=1)
+    lines[:, : orders // a_turn + 1] = 0.0
+    gain = helix_gain(cut.axial_width_m, tool.diameter_m / a_turn, tool.helix_rad, places // 2)
     return np.asarray(lines * np.asarray(gain)[0][:, None] * np.array(problem.alive))
 
 
-@jax.jit
-def _over_a_pitch(tool: Tool, cut: Cut) -> jax.Array:
-    """[C, P, 3] force of straight teeth at even angles of a pitch, for each constant alone at 1."""
+@partial(jax.jit, static_argnames=("a_turn", "places"))
+def _each_alone(
+    tool: Tool, effects: tuple[AbstractEffect, ...], cut: Cut, a_turn: int, places: int
+) -> jax.Array:
+    """[C, P, 3] force of straight teeth at even angles of a part of a turn, for each constant alone at 1."""
     straight = Tool(tool.kind, tool.teeth, tool.diameter_m)
-    angle = 2.0 * jnp.pi / tool.teeth / _PLACES * jnp.arange(_PLACES)
+    angle = 2.0 * jnp.pi / a_turn / places * jnp.arange(places)
 
     def force(constants: jax.Array) -> jax.Array:
-        model = ForceModel(straight, Material(*constants))
-        return jax.vmap(lambda here: model.process_force(cut.replace(angle_rad=here)))(angle)
+        model = ForceModel(straight, Material(*constants), effects)
+        at = jax.vmap(lambda here: model.process_force(cut.replace(angle_rad=here)))
+        return jax.lax.map(at, angle.reshape(-1, _AT_ONCE)).reshape(-1, 3)
 
     return jax.lax.map(force, jnp.eye(CONSTANTS))

@@ -100,7 +100,7 @@ def dependences(
     found = [replace(each, share=part / whole * each.share) for each in found]
     found += [_slow(predictions, band), _place(dataset, predictions, band)]
     across = _across(dataset, predictions, own)
-    found += across if levels else [*across, _own(own, predictions, band, across)]
+    found += [*across, _own(own, predictions, band, across)]
     told = [replace(each, of_force=float(np.sqrt(each.share * whole / force))) for each in found]
     return tuple(sorted(told, key=lambda each: (each.p_value, -each.share)))
 

@@ -35,7 +35,7 @@ _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
 _MUCH = 0.01
 _SMALL_PART = 0.25
-_SCATTER = 0.015
+_SCATTER = 0.02
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 _WIDER = "trials over a wider range of speed and feed"
 
@@ -76,11 +76,16 @@ def verdict(
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     end = final(found, slow)
-    left = _left(after, end.nrmse, least)
+    left = _left(after, less_scatter(end, after), floor, least)
     return {
         "format": FORMAT,
         "verdict": _word(
-            found.base, end, least, bool(named), bool(ambiguous), _shown(before, dataset, found, least), left
+            less_scatter(end, after),
+            least,
+            bool(named),
+            bool(ambiguous),
+            _shown(before, dataset, found.base, floor, least),
+            left,
         ),
         "before": _errors(found.base, lines),
         "after": _errors(end, lines),
@@ -152,44 +157,48 @@ def has(dataset: Dataset, need: str) -> bool:
     return present.get(need, False)
 
 
-def _word(
-    base: HeldOut,
-    end: HeldOut,
-    least: float,
-    named: bool,
-    tied: bool,
-    shown: bool,
-    left: list[Dependence],
-) -> str:
+def _word(error: float, least: float, named: bool, tied: bool, shown: bool, left: list[Dependence]) -> str:
     if not named:
         return "unexplained" if shown else "nothing missing"
     if tied:
         return "ambiguous"
-    return "partly explained" if end.nrmse > least or left else "explained"
+    return "partly explained" if error > least or left else "explained"
 
 
-def _shown(before: Sequence[Dependence], dataset: Dataset, found: Search, least: float) -> bool:
+def _shown(before: Sequence[Dependence], dataset: Dataset, base: HeldOut, floor: float, least: float) -> bool:
     """Whether something is missing: the residual depends on something, or is clearly more than noise.
 
-    Levels, of which a trial has one, scatter more than the noise within a trial. From any other force a small
-    factor of each trial's own is taken first. Where the noise had to be read beside the lines, all that is
-    not periodic counts as noise; no noise follows the path or the session. What one sample has of that before
-    it, and is no larger than the noise, is the noise's colour.
+    Levels, of which a trial has one, scatter more than the noise within a trial. A small factor of each
+    trial's own is taken first. Where the noise had to be read beside the lines, all that is not periodic
+    counts as noise; no noise follows the path or the session by more than a hundredth of the force.
     """
     clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
-    own = next(filter(_of_the_trial, before), None)
-    # on trials not seen their factors count more than once: the other trials' are in the constants
-    error = found.base.nrmse if own is None else own.of_force * float(np.sqrt(1.0 / own.share - 1.0))
-    shown = [each for each in before if each.found and not (_of_the_trial(each) or _colour(each, least))]
+    error = less_scatter(base, before)
+    shown = [
+        each
+        for each in before
+        if each.found
+        and not (_of_the_trial(each) or _colour(each, least) or _no_more_than_noise(each, floor, least))
+    ]
     follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
     return error > clearly * least or (error > least and bool(shown)) or follows
 
 
-def _left(after: Sequence[Dependence], error: float, least: float) -> list[Dependence]:
+def _left(after: Sequence[Dependence], error: float, floor: float, least: float) -> list[Dependence]:
     """What the residual of the final model depends on; where its `error` is no more than noise leaves, the
-    noise's own colour does not count."""
+    noise's own colour does not count, nor what would make it no more than that."""
     found = (each for each in after if each.found and not _of_the_trial(each))
-    return [each for each in found if error > least or not _colour(each, least)]
+    small = (each for each in found if error > least or not _colour(each, least))
+    return [each for each in small if error > least or not _no_more_than_noise(each, floor, least)]
+
+
+def less_scatter(heldout: HeldOut, depends: Sequence[Dependence]) -> float:
+    """Heldout NRMSE less the small factors of each trial's own: on trials not seen they count more than once,
+    since the other trials' are in the constants."""
+    own = next(filter(_of_the_trial, depends), None)
+    if own is None:
+        return heldout.nrmse
+    return min(heldout.nrmse, own.of_force * float(np.sqrt(1.0 / own.share - 1.0)))
 
 
 def _of_the_trial(each: Dependence) -> bool:
@@ -198,8 +207,14 @@ def _of_the_trial(each: Dependence) -> bool:
 
 
 def _colour(each: Dependence, least: float) -> bool:
-    """Whether this may be the colour of noise that leaves `least` of the force."""
-    return each.covariate == "previous force" and each.of_force <= least
+    """Whether this may be the colour of noise that leaves `least` of the force: what one sample has of that
+    before it, or all samples of a trial have of those around them."""
+    return each.covariate in ("previous force", "time in trial") and each.of_force <= least
+
+
+def _no_more_than_noise(each: Dependence, floor: float, least: float) -> bool:
+    """Whether noise and this together would leave no more than counts as noise alone, `least`."""
+    return float(np.hypot(floor, each.of_force)) <= least
 
 
 def reached(floor: float, tolerance: float) -> float:

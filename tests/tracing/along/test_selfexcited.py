@@ -95,6 +95,20 @@ def test_two_trials_are_enough_where_others_at_that_speed_are_quiet():
     assert find_vibration(*_session(two)) is None
 
 
+def test_trials_that_are_off_by_more_do_not_hide_it():
+    """Two trials whose force is off by far more say nothing for it or against."""
+
+    def beside(time, speed, trial):
+        return _chatter(time, speed, trial) * (trial > 1) + 40.0 * np.cos(2 * np.pi * speed * time) * (
+            trial < 2
+        )
+
+    session = _session(beside)
+    found = find_vibration(*session)
+    assert found is not None and (accepted := found.round.accepted) is not None
+    assert accepted.heldout.nrmse > 0.95 * session[3].nrmse
+
+
 def test_a_line_that_stays_at_one_frequency_whatever_the_speed_is_not_self_excited():
     def hum(time, speed, trial):
         gain = 1.0 + 0.5 * np.cos(2 * np.pi * TEETH * speed * time)

@@ -13,22 +13,23 @@ from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.prediction import predictions
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.tracing.trace import trace
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, TEETH, NOISE_N = 2000.0, 4, 0.2
 BAND = (0.0, 0.5 * RATE_HZ)
 
 
-def _straight_teeth(wear: float = 0.0, smoothed_s: float = 0.0) -> Dataset:
+def _straight_teeth(wear: float = 0.0, smoothed_s: float = 0.0, broken: bool = False) -> Dataset:
     """Half-immersed cuts of straight teeth, sampled as they are or as a slow sensor has them; the edge force
-    grows by a share from trial to trial."""
+    grows by a share from trial to trial; one tooth may be missing."""
     generator, trials = np.random.default_rng(1), []
     for index, (speed, chip) in enumerate([(23.3, 5e-5), (26.1, 3e-5), (23.3, 9e-5), (26.1, 7e-5)]):
         time = np.arange(4000) / RATE_HZ
         own, phase = speed * (1.0 + 0.003 * generator.uniform(-1.0, 1.0)), generator.uniform(0.0, 6.28)
         inner = np.linspace(-smoothed_s, 0.0, 24 if smoothed_s else 1)
         force = np.mean(
-            [_force(2 * np.pi * own * (time + d) + phase, chip, wear * index) for d in inner], axis=0
+            [_force(2 * np.pi * own * (time + d) + phase, chip, wear * index, broken) for d in inner], axis=0
         )
         force += NOISE_N * generator.normal(size=force.shape) + generator.normal(size=3)
         trials.append(
@@ -55,13 +56,14 @@ def _straight_teeth(wear: float = 0.0, smoothed_s: float = 0.0) -> Dataset:
     )
 
 
-def _force(angle: np.ndarray, chip_m: float, wear: float) -> np.ndarray:
-    """[T, 3] mechanistic force of teeth in the arc from 0 to a quarter of a turn, N."""
+def _force(angle: np.ndarray, chip_m: float, wear: float, broken: bool) -> np.ndarray:
+    """[T, 3] mechanistic force of teeth in the arc from 0 to a quarter of a turn, N; behind a missing one the
+    next has twice the chip."""
     total = np.zeros((len(angle), 3))
-    for tooth in range(TEETH):
+    for tooth in range(1 if broken else 0, TEETH):
         at = np.mod(angle - 2.0 * np.pi * tooth / TEETH, 2.0 * np.pi)
         inside = (at > 0.0) & (at < 0.5 * np.pi)
-        chip = chip_m * np.sin(at)
+        chip = chip_m * np.sin(at) * (2.0 if broken and tooth == 1 else 1.0)
         tangential, radial, axial = (
             inside * 2e-3 * (k * chip + e * (1.0 + wear)) for k, e in ((8e8, 2e4), (2.4e8, 1.6e4), (1e8, 4e3))
         )
@@ -95,6 +97,15 @@ def test_what_is_left_between_the_lines_is_noise(smoothed_s):
         lines = compress(rest, BAND)
     noise = NOISE_N * np.sqrt(3.0 * lines.samples.sum() / lines.energy_n2.sum())
     assert _between(rest) < 1.5 * noise < 0.5 * _between(dataset)
+
+
+def test_teeth_that_are_not_alike_have_edges_of_their_own():
+    """Edges as of teeth all alike leave more than noise beside the broken tooth that is found."""
+    dataset = _straight_teeth(broken=True)
+    found = trace(dataset, effects=["broken_tooth"])
+    with _platform.x64():
+        alike = without_edges(dataset, BAND)
+        assert _between(found.dataset) < 0.5 * _between(alike) < 0.5 * _between(dataset)
 
 
 def test_a_sensor_that_takes_them_away_is_left_alone():
