@@ -3,11 +3,12 @@
 Whatever makes all the force of a trial larger or smaller (a material that softens with cutting speed, one
 batch beside another) is imitated in part by every effect that grows with something the trials differ in.
 So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
-of the candidate little that is its own, the candidate is not the cause. Runout, a mode, a filter change the
-shape of the force and pass beside any factor, or explain what the factors leave; a mode or a filter that does
-neither, however much it explains, is but a gain at each spindle speed. And one that does little beside the
-factors must take most of what is missing: gains that go their own way are imitated in part. Levels have no
-shape, so tools that have only those are let be.
+of the candidate little that is its own, the candidate is not the cause. No two cuts are quite alike: what
+factors do beside a candidate that explains most of what they do, if it is small, is such scatter. Runout, a
+mode, a filter change the shape of the force and pass beside any factor, or explain what the factors leave; a
+mode or a filter that does neither, however much it explains, is but a gain at each spindle speed. And one
+that does little beside the factors must take most of what is missing: gains that go their own way are
+imitated in part. Levels have no shape, so tools that have only those are let be.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _SHARE_OF_FREE = 0.9
+_SHARE_BESIDE_SCATTER = 0.7
+_SCATTER = 0.015
 _OWN = 0.5
 _OWN_OF_A_RESPONSE = 0.2
 _MOST = 0.7
@@ -35,13 +38,14 @@ def rather_a_factor(gain: Gain) -> str | None:
     problem, lines = gain.problem, gain.lines
     if problem.tool.kind in LEVEL_KINDS:
         return None
-    plain, free = _squares(problem, gain.others, np.asarray(gain.before.x))
-    plain_with, free_with = _squares(problem, gain.effects, np.asarray(gain.found.x))
+    plain, free, _ = _squares(problem, gain.others, np.asarray(gain.before.x))
+    plain_with, free_with, force = _squares(problem, gain.effects, np.asarray(gain.found.x))
     explained, unnamed, own = plain - plain_with, plain - free, free - free_with
     if own >= _OWN * explained:
         return None
     ratio = unnamed / max(explained, 1e-300)
-    if ratio > 1.0 / _SHARE_OF_FREE:
+    scatter = plain_with - free_with < _SCATTER**2 * force
+    if ratio > 1.0 / (_SHARE_BESIDE_SCATTER if scatter else _SHARE_OF_FREE):
         return f"a factor of its own for each trial explains {ratio:.1f} times as much"
     quiet = float(noise_squares(problem, lines).sum())
     missing, rest = plain - quiet, free - quiet
@@ -56,8 +60,9 @@ def rather_a_factor(gain: Gain) -> str | None:
     return None
 
 
-def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float]:
-    """Sum of squares of the weighted residual, and the same with a factor on the force of each trial."""
+def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float, float]:
+    """Sum of squares of the weighted residual, and the same with a factor on the force of each trial; that of
+    the force itself."""
     rows = Descent(problem, effects).rows(x[None])
     descent = Descent(problem, effects, rows.phase_rad[0])
     shape = problem.whitened.shape
@@ -71,4 +76,5 @@ def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tup
     left, mark = (each.reshape(problem.trials, -1) for each in (left, mark))
     size = np.maximum(np.sum(mark**2, axis=1), 1e-300)
     plain = np.sum(left**2, axis=1)
-    return float(plain.sum()), float(np.sum(plain - np.sum(left * mark, axis=1) ** 2 / size))
+    free = plain - np.sum(left * mark, axis=1) ** 2 / size
+    return float(plain.sum()), float(free.sum()), float(size.sum())
