@@ -1,8 +1,9 @@
 """Layered material: the force steps where the path crosses into another layer, an inclusion or a void.
 
-k -> k (1 + change) for positions between start and start + length, with the borders smoothed over 20 um.
-For several layers give the model several of these. Signature: one-sided steps at fixed positions, heavy
-tails. Confused with the entry into the sheet, which is elsewhere.
+k -> k (1 + change) for positions between start and start + length, with borders that ramp over some way:
+20 um where nothing else is said, what blends two layers, or the height of a drill's point, whose lips meet a
+border one place after another. For several layers give the model several of these. Signature: one-sided steps
+at fixed positions, heavy tails. Confused with the entry into the sheet, which is elsewhere.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ class LayeredMaterial(AbstractEffect):
     """One layer across the path.
 
     Fields: `change` [] relative change of all constants inside, -1 for a void; `start_m`, `length_m` [] where
-    it begins along the path and how long it is, m.
+    it begins along the path and how long it is, between the middles of its borders, m; `border_m` [] way over
+    which each of them ramps, m.
     """
 
     name = "layered_material"
@@ -41,6 +43,7 @@ class LayeredMaterial(AbstractEffect):
         "change": Parameter("1", -1.15, 5.0, 0.0, 0.5, source="-1 is a void"),
         "start_m": Parameter("m", -1.0, 10.0, None, 0.0),
         "length_m": Parameter("m", 1e-4, 10.0, None, 0.02, log=True),
+        "border_m": Parameter("m", 1e-6, 2e-2, None, BORDER_M, log=True),
     }
     steady = False
     alike = True
@@ -50,19 +53,21 @@ class LayeredMaterial(AbstractEffect):
     change: ArrayLike
     start_m: ArrayLike
     length_m: ArrayLike
+    border_m: ArrayLike = BORDER_M
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         since = jnp.asarray(cut.position_m) - self.start_m
         within = jnp.minimum(since, jnp.asarray(self.length_m) - since)
-        factor = (1.0 + self.change * jnp.clip(0.5 + within / BORDER_M, 0.0, 1.0))[..., None, None, None]
+        share = jnp.clip(0.5 + within / jnp.asarray(self.border_m), 0.0, 1.0)
+        factor = (1.0 + self.change * share)[..., None, None, None]
         return EdgeForce(force.chip * factor, force.edge * factor)
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> LayeredMaterial:
-        """Coordinates: change in units of 0.5, start in units of 10 mm, log(length / 20 mm)."""
-        change, start, length = coordinates
-        return cls(0.5 * change, 1e-2 * start, 2e-2 * jnp.exp(length))
+        """Coordinates: change in units of .5, start in 10 mm, logs of length in 20 mm, border in 20 um."""
+        change, start, length, border = coordinates
+        return cls(0.5 * change, 1e-2 * start, 2e-2 * jnp.exp(length), BORDER_M * jnp.exp(border))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.3, float(start), 0.0] for start in (0, 2, 5, 10)])
+        return np.asarray([[0.3, float(start), 0.0, 0.0] for start in (0, 2, 5, 10)])

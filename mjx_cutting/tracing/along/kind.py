@@ -31,6 +31,8 @@ class Kind:
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
         rather: why an effect found is more likely something else, in words; "" where it is not.
         several: whether there may be more than one of it: a layer beside another, a harmonic of the mains.
+        stack: of what may be together what none is alone, as the layers of a sheet: the sufficient statistics
+            of several shapes [n, d] at once, as a function of them.
         shared: whether a shape may lie where few trials reach, so that only what several show is looked at.
         untold: parameters that stay at the value of no effect where the trials say nothing of them.
         refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
@@ -48,6 +50,7 @@ class Kind:
     rather: Callable[[Sequence[Course], AbstractEffect], str] | None = None
     refine: Callable[[Array, Array, float], Array] | None = None
     sums: Callable[[Sequence[Course], Array], Sums] | None = None
+    stack: Callable[[Sequence[Course]], Callable[[Array], Sums]] | None = None
 
     def sums_of(self, courses: Sequence[Course], shapes: Array) -> Sums:
         """Sufficient statistics over the shapes [P, d] of every trial."""

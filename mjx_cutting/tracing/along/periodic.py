@@ -140,6 +140,7 @@ PERIODIC = Kind(
     _shapes,
     _columns,
     _effect,
+    several=True,
     refine=_near,
     sums=_sums,
 )

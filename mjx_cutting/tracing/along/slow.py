@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.kind import Kind, as_values
-from mjx_cutting.tracing.along.layers import borders_on, columns_of, together
+from mjx_cutting.tracing.along.layers import borders_on, columns_of, settled, together
 from mjx_cutting.tracing.along.shapes import (
     Sums,
     error_change,
@@ -29,6 +29,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.decision import (
     TOLERANCE,
     Decision,
+    Interval,
     chance_over_trials,
     decide,
 )
@@ -36,6 +37,8 @@ from mjx_cutting.tracing.records.course import Course
 
 MOST_SLOW = 6
 _MOST_LAYERS = 3
+_CLOSER = 0.9
+_MORE = 0.2
 _HATS = 24
 _HARDLY = 1e-3
 FEWEST_REACHED = 4
@@ -105,37 +108,37 @@ def search_slow(
         if (names is None or kind.name in names) and kind.testable(trials) and len(kind.grid(trials))
     ]
     rounds: list[SlowRound] = []
+    left = trials
     while open_ and len(rounds) < MOST_SLOW:
-        free = _free_in_position(trials, before, weight)
+        free = _free_in_position(left, before, weight)
         test = _Test(weight, free, len(open_), tolerance, in_range)
         tried = []
         for kind in open_:
             progress(f"along the trial: {kind.name}")
-            tried.append(_try(kind, trials, before, test, _found(rounds, kind)))
+            tried.append(_try(kind, left, before, test, _found(rounds, kind)))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = next((each for each in tried if each.decision.accepted), None)
-        if accepted is None:
-            short = [each.kind for each in tried if each.short_of_free]
-            layers = [kind for kind in open_ if kind.several and kind.effect in short]
-            stack = [
-                each
-                for kind in layers[:1]
-                for each in _stack(kind, trials, before, test, _found(rounds, kind))
-            ]
+        layers = next((kind for kind in open_ if kind.stack is not None), None)
+        least = _least_of_layers(layers, tried, accepted, before, test)
+        stack: list[SlowCandidate] = []
+        if layers is not None and least is not None:
+            stack = _stack(layers, left, before, test, _found(rounds, layers), least)
+        if stack:
+            others = tuple(each for each in tried if each.kind is not stack[0].kind)
             for each in stack:
-                others = (other for other in tried if other.kind is not each.kind)
                 rounds.append(SlowRound(before, (each, *others), each))
-                before, trials = each.heldout, _without(trials, each)
-            if stack:
-                continue
-        rounds.append(SlowRound(before, tuple(tried), accepted))
-        if accepted is None:
-            break
-        before, trials = accepted.heldout, _without(trials, accepted)
-        open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
+                before = each.heldout
+        else:
+            rounds.append(SlowRound(before, tuple(tried), accepted))
+            if accepted is None:
+                break
+            open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
+        if layers is not None:
+            rounds = _with_together(rounds, layers, _less(trials, rounds), weight)
+        left = _less(trials, rounds)
+        before = rounds[-1].accepted.heldout if rounds[-1].accepted is not None else before
     for kind in kinds:
-        if len(_found(rounds, kind)) > 1:
-            rounds = _fitted_together(rounds, kind, trials, before, weight)
+        rounds = _with_together(rounds, kind, left, weight)
     return tuple(rounds)
 
 
@@ -167,63 +170,155 @@ def _without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
     ]
 
 
+def _less(trials: Sequence[Course], rounds: Sequence[SlowRound]) -> Sequence[Course]:
+    """The trials less all that was accepted."""
+    for each in rounds:
+        trials = trials if each.accepted is None else _without(trials, each.accepted)
+    return trials
+
+
+def _least_of_layers(
+    layers: Kind | None,
+    tried: Sequence[SlowCandidate],
+    accepted: SlowCandidate | None,
+    before: HeldOut,
+    test: _Test,
+) -> float | None:
+    """How much several layers together must explain to be named instead of what was accepted: all that force
+    free in position does, or half of what it does beyond another effect. None where there is no call to try.
+    """
+    if layers is None:
+        return None
+    if accepted is None:
+        short = any(each.short_of_free and each.kind is layers.effect for each in tried)
+        return test.free if short else None
+    if accepted.kind is layers.effect or accepted.kind.name not in _IN_POSITION:
+        return None
+    explained = _explained(before, accepted.heldout, test.weight)
+    return 0.5 * (explained + test.free) if explained < test.free else None
+
+
 def _stack(
-    kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test, beside: list[Array]
+    kind: Kind, trials: Sequence[Course], before: HeldOut, test: _Test, beside: list[Array], least: float
 ) -> list[SlowCandidate]:
-    """Several of a kind that together do all that force free in position could, though the first alone does
-    not: a sheet of several layers. Empty where they do not: steps come near to anything, if not quite."""
+    """Several of a kind that together explain `least`, as a sheet of several layers; empty where they do not:
+    steps come near to anything, if not quite."""
     found: list[SlowCandidate] = []
-    explained = 0.0
+    best: list[SlowCandidate] = []
+    rest, error = trials, before
     while len(found) < _MOST_LAYERS:
         others = [*beside, *(each.shape for each in found)]
-        one = _try(kind, trials, before, replace(test, free=0.0), others)
+        one = _try(kind, rest, error, replace(test, free=0.0), others)
         if not one.decision.accepted:
-            return []
+            break
         found.append(one)
-        explained += _explained(before, one.heldout, test.weight)
-        if explained >= test.free:
-            return found
-        before, trials = one.heldout, _without(trials, one)
-    return []
+        rest, error = _without(rest, one), one.heldout
+        closer = _fitted_together(kind, found, rest, test.weight)
+        explained = _explained(before, closer[-1].heldout, test.weight)
+        if explained >= least:
+            best = closer
+            least = explained + _MORE * float(np.sum(closer[-1].heldout.error_n2 * test.weight**2))
+    return best
 
 
-def _fitted_together(
-    rounds: Sequence[SlowRound], kind: Kind, trials: Sequence[Course], before: HeldOut, weight: Array
+def _with_together(
+    rounds: Sequence[SlowRound], kind: Kind, rest: Sequence[Course], weight: Array
 ) -> list[SlowRound]:
-    """The rounds with the strengths of all that was accepted of a kind fitted at once, to what `trials` leave
-    when all that was found is taken out."""
-    accepted = [
+    """The rounds with all that was accepted of a kind fitted at once; all found leave the `rest`."""
+    found = [
         each.accepted for each in rounds if each.accepted is not None and each.accepted.kind is kind.effect
     ]
-    trials = [
-        replace(course, left_n=course.left_n + sum(added))
-        for course, *added in zip(trials, *(each.added_n for each in accepted), strict=True)
-    ]
-    found = together(kind, trials, [each.shape for each in accepted])
-    uses = [(before.fold != fold).astype(float) for fold in range(int(before.fold.max()) + 1)]
-    _, whole, _ = solve(found, np.ones(len(trials)), weight)
-    by_fold = [solve(found, use, weight)[1] for use in uses]
-    strength, settled = kind.effect.strength, {}
-    for i, each in enumerate(accepted):
-        effect = kind.build(each.shape, whole[i : i + 1])
-        values = [as_values(kind.build(each.shape, c[i : i + 1])) for c in by_fold]
-        told = {strength: intervals(kind, effect, values, each.unsure)[strength]}
-        columns = [kind.columns(course, each.shape) * whole[i] for course in trials]
-        settled[id(each)] = replace(
-            each,
-            effect=effect,
-            decision=replace(each.decision, parameters=each.decision.parameters | told),
-            added_n=tuple(c.own(one)[..., 0] for c, one in zip(trials, columns, strict=True)),
-            whole_n=tuple(one[..., 0] for one in columns),
-        )
+    if not kind.several or kind.own_phase or not found:
+        return list(rounds)
+    closer = _fitted_together(kind, found, rest, weight)
+    settled_ = dict(zip(map(id, found), closer, strict=True))
+    change = closer[-1].heldout.error_n2 - found[-1].heldout.error_n2
+    # what was found after them was found beside them as they were
+    behind = False
+    for each in rounds:
+        if behind and each.accepted is not None:
+            error = np.maximum(each.accepted.heldout.error_n2 + change, 0.0)
+            heldout = replace(each.accepted.heldout, error_n2=error)
+            settled_[id(each.accepted)] = replace(each.accepted, heldout=heldout)
+        behind = behind or each.accepted is found[-1]
     return [
         replace(
             each,
-            candidates=tuple(settled.get(id(one), one) for one in each.candidates),
-            accepted=settled.get(id(each.accepted), each.accepted),
+            candidates=tuple(settled_.get(id(one), one) for one in each.candidates),
+            accepted=settled_.get(id(each.accepted), each.accepted),
         )
         for each in rounds
     ]
+
+
+def _fitted_together(
+    kind: Kind, found: Sequence[SlowCandidate], rest: Sequence[Course], weight: Array
+) -> list[SlowCandidate]:
+    """All that was accepted of a kind, its strengths fitted at once to what `rest` leaves when all that was
+    found is taken out; layers also at places and with borders settled at once, where that leaves less."""
+    trials = [
+        replace(course, left_n=course.left_n + sum(added))
+        for course, *added in zip(rest, *(each.added_n for each in found), strict=True)
+    ]
+    shapes = [each.shape for each in found]
+    together_ = _at(kind, found, shapes, trials, rest, weight) if len(found) > 1 else list(found)
+    if kind.stack is None:
+        return together_
+    places = settled(kind.stack(trials), shapes, len(trials), weight)
+    closer = _at(kind, found, places, trials, rest, weight)
+    first, then = (float(np.sum(way[-1].heldout.error_n2 * weight**2)) for way in (together_, closer))
+    return closer if then < _CLOSER * first else together_
+
+
+def _at(
+    kind: Kind,
+    found: Sequence[SlowCandidate],
+    shapes: Sequence[Array],
+    trials: Sequence[Course],
+    rest: Sequence[Course],
+    weight: Array,
+) -> list[SlowCandidate]:
+    """What was `found` of a kind at `shapes` [d], with strengths fitted at once to the `trials`, of which it
+    has left the `rest`."""
+    sums_, fold = together(kind, trials, shapes), found[-1].heldout.fold
+    _, whole, _ = solve(sums_, np.ones(len(trials)), weight)
+    by_fold = [solve(sums_, (fold != f).astype(float), weight)[1] for f in range(int(fold.max()) + 1)]
+    # held-out errors change as those do on the trials as they are
+    change = error_change(sums_, 0, np.stack([by_fold[f] for f in fold]))
+    change -= [np.sum(b.left_n**2 - a.left_n**2, axis=0) for a, b in zip(trials, rest, strict=True)]
+    last = found[-1].heldout
+    heldout = replace(last, error_n2=np.maximum(last.error_n2 + change, 0.0), fits=None)
+    own = len(whole) // len(shapes)
+    settled_ = []
+    for i, (each, shape) in enumerate(zip(found, shapes, strict=True)):
+        part = slice(own * i, own * (i + 1))
+        effect = kind.build(shape, whole[part])
+        values = [as_values(kind.build(shape, c[part])) for c in by_fold]
+        told = intervals(kind, effect, values, each.unsure)
+        by_strength = {name for name in told if len({float(value[name]) for value in values}) > 1}
+        parameters = {
+            name: told[name] if name in by_strength else _centred(interval, told[name].value)
+            for name, interval in each.decision.parameters.items()
+        }
+        columns = [kind.columns(course, shape) for course in trials]
+        settled_.append(
+            replace(
+                each,
+                effect=effect,
+                shape=shape,
+                heldout=heldout if i == len(found) - 1 else each.heldout,
+                decision=replace(each.decision, parameters=parameters),
+                added_n=tuple(c.own(x) @ whole[part] for c, x in zip(trials, columns, strict=True)),
+                whole_n=tuple(x @ whole[part] for x in columns),
+            )
+        )
+    return settled_
+
+
+def _centred(interval: Interval, value: float) -> Interval:
+    """An interval as wide, about another value."""
+    away = value - interval.value
+    return replace(interval, value=value, low=interval.low + away, high=interval.high + away)
 
 
 def _explained(before: HeldOut, after: HeldOut, weight: Array) -> float:
@@ -250,14 +345,15 @@ def _try(
         )
     fits = _Fits(kind, trials, found, shapes, weight, tuple(beside))
     best, c = fits.to(everyone)
-    effect = kind.build(shapes[best], c)
+    own = len(c) // (1 + len(beside))
+    effect = kind.build(shapes[best], c[:own])
     error = np.zeros_like(before.error_n2)
     by_fold = []
     for fold in range(int(before.fold.max()) + 1):
-        shape, own = fits.to((before.fold != fold).astype(float))
+        shape, c_without = fits.to((before.fold != fold).astype(float))
         held = before.fold == fold
-        error[held] = (before.error_n2 + fits.error_change(shape, own))[held]
-        by_fold.append(as_values(kind.build(shapes[shape], own)))
+        error[held] = (before.error_n2 + fits.error_change(shape, c_without))[held]
+        by_fold.append(as_values(kind.build(shapes[shape], c_without[:own])))
     after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
     reached = _reached(kind, trials, shapes[best])
     p = chance_over_trials(before.only(reached), after.only(reached), test.tries)
@@ -270,7 +366,7 @@ def _try(
     decision = decide(kind.effect, before, after, p, parameters, tolerance=off, in_range=test.in_range)
     if decision.accepted:
         # that it is there does not hang on how large the force is; how large a share of it, does
-        unsure += unsure_force(kind, trials, shapes[best], c[: len(c) - len(beside)], weight)
+        unsure += unsure_force(kind, trials, shapes[best], c[:own], weight)
         parameters = intervals(kind, effect, by_fold, unsure)
         decision = replace(decision, parameters=parameters)
     explained = _explained(before, after, weight)

@@ -11,7 +11,7 @@ are in `shapes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import compress
 
 import numpy as np
@@ -23,7 +23,7 @@ from mjx_cutting.tracing.along.end_layer import at_the_end
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
-from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums
+from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums, stacked_sums
 from mjx_cutting.tracing.along.stair import STAIR
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
@@ -42,15 +42,19 @@ def _layers(courses: Sequence[Course]) -> Array:
     low = min(float(each.position_m.min()) for each in courses)
     high = max(float(each.position_m.max()) for each in courses)
     border = np.linspace(low, high, 41)
-    pairs = [
-        (a, b - a) for i, a in enumerate(border[:-1]) for b in border[i + 1 :] if b - a < 0.9 * (high - low)
-    ]
-    return np.asarray(pairs)
+    return np.asarray(
+        [
+            (a, b - a, BORDER_M)
+            for i, a in enumerate(border[:-1])
+            for b in border[i + 1 :]
+            if b - a < 0.9 * (high - low)
+        ]
+    )
 
 
-def _inside(place_m: Array, start_m: Array, length_m: Array) -> Array:
+def _inside(place_m: Array, start_m: Array, length_m: Array, border_m: Array) -> Array:
     since = place_m - start_m
-    return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / BORDER_M, 0.0, 1.0))
+    return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / border_m, 0.0, 1.0))
 
 
 def _layer(course: Course, shape: Array) -> Array:
@@ -58,27 +62,29 @@ def _layer(course: Course, shape: Array) -> Array:
     return (inside[:, None] * _whole(course))[..., None]
 
 
+def _layers_inside(place_m: Array, shapes: Array) -> Array:
+    return _inside(place_m, *np.split(shapes, 3, axis=1))
+
+
 def _layer_sums(courses: Sequence[Course], shapes: Array) -> Sums:
-    return profiled_sums(
-        courses,
-        _position,
-        _whole,
-        lambda place_m, shape: _inside(place_m, shape[:, :1], shape[:, 1:]),
-        shapes,
-    )
+    return profiled_sums(courses, _position, _whole, _layers_inside, shapes)
+
+
+def _stack(courses: Sequence[Course]) -> Callable[[Array], Sums]:
+    return stacked_sums(courses, _position, _whole, _layers_inside)
 
 
 def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
     step = float(np.min(np.diff(np.unique(shapes[:, 0])))) / zoom if len(shapes) > 1 else 1e-3
     shift = step * np.linspace(-1.0, 1.0, 13)
     ends = here[0] + here[1]
-    pairs = [(here[0] + a, ends + b - here[0] - a) for a in shift for b in shift]
-    return np.asarray([pair for pair in pairs if pair[1] > 0.2 * step])
+    near = [(here[0] + a, ends + b - here[0] - a, here[2]) for a in shift for b in shift]
+    return np.asarray([each for each in near if each[1] > 0.2 * step])
 
 
 def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
     return effect_class("layered_material")(
-        change=float(c[0]), start_m=float(shape[0]), length_m=float(shape[1])
+        change=float(c[0]), start_m=float(shape[0]), length_m=float(shape[1]), border_m=float(shape[2])
     )
 
 
@@ -160,6 +166,7 @@ KINDS: tuple[Kind, ...] = (
         rather=at_the_end,
         refine=_layers_near,
         sums=_layer_sums,
+        stack=_stack,
     ),
     Kind(
         "mains_pickup",

@@ -4,7 +4,8 @@ Whatever makes all the force of a trial larger or smaller (a material that softe
 batch beside another) is imitated in part by every effect that grows with something the trials differ in.
 So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
 of the candidate little that is its own, the candidate is not the cause. No two cuts are quite alike: what
-factors do beside a candidate that explains most of what they do, if it is small, is such scatter. Runout, a
+factors do beside a candidate is such scatter, if it is small, and if factors that go with nothing would not
+follow the candidate so closely by chance. Runout, a
 mode, a filter change the shape of the force and pass beside any factor, or explain what the factors leave; a
 mode or a filter that does neither, however much it explains, is but a gain at each spindle speed. And one
 that does little beside the factors must take most of what is missing: gains that go their own way are
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
@@ -26,8 +28,8 @@ from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _SHARE_OF_FREE = 0.9
-_SHARE_BESIDE_SCATTER = 0.7
 _SCATTER = 0.015
+_SURELY = 1e-4
 _OWN = 0.5
 _OWN_OF_A_RESPONSE = 0.2
 _MOST = 0.7
@@ -45,7 +47,8 @@ def rather_a_factor(gain: Gain) -> str | None:
         return None
     ratio = unnamed / max(explained, 1e-300)
     scatter = plain_with - free_with < _SCATTER**2 * force
-    if ratio > 1.0 / (_SHARE_BESIDE_SCATTER if scatter else _SHARE_OF_FREE):
+    followed = scatter and _by_chance(1.0 / ratio, gain.kind.size(problem.tool), problem.trials) < _SURELY
+    if ratio > 1.0 / _SHARE_OF_FREE and not followed:
         return f"a factor of its own for each trial explains {ratio:.1f} times as much"
     quiet = float(noise_squares(problem, lines).sum())
     missing, rest = plain - quiet, free - quiet
@@ -58,6 +61,14 @@ def rather_a_factor(gain: Gain) -> str | None:
     if explained < _MOST * missing:
         return f"explains {explained / missing:.0%} of what is missing, little of it beside a factor a trial"
     return None
+
+
+def _by_chance(share: float, size: int, trials: int) -> float:
+    """Chance that an effect of `size` unknowns explains this share of factors that go with nothing."""
+    free = trials - 1 - size
+    if free < 1 or share >= 1.0:
+        return 1.0 if free < 1 else 0.0
+    return float(stats.f.sf((share / size) / ((1.0 - share) / free), size, free))
 
 
 def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float, float]:

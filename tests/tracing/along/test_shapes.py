@@ -54,7 +54,7 @@ def test_a_layer_that_one_trial_alone_reaches_hides_none_that_several_show():
         share = 0.06 * ((place > 0.004) & (place < 0.008)) + 0.3 * ((place > 0.015) & (place < 0.017))
         noise = np.random.default_rng(samples).normal(size=(samples, 3))
         trials.append(replace(one, left_n=share[:, None] * one.force(1.0) + noise))
-    shapes = np.array([[0.004, 0.004], [0.015, 0.002]])
+    shapes = np.array([[0.004, 0.004, 2e-5], [0.015, 0.002, 2e-5]])
     found, use, weight = layers.sums_of(trials, shapes), np.ones(4), np.ones(3)
     most, _, fall = solve(found, use, weight)
     best, c, _ = solve(found, use, weight, shared=True)
@@ -98,7 +98,7 @@ def test_a_pattern_met_by_teeth_is_summed_as_its_samples_are():
 def test_blocks_of_a_long_record_are_short_against_a_layer():
     kind = next(each for each in KINDS if each.name == "layered_material")
     trial = course(30_000, 0.002)
-    shapes = np.array([[0.02, 0.01], [0.05, 0.03]])
+    shapes = np.array([[0.02, 0.01, 2e-5], [0.05, 0.03, 2e-5]])
     exact, fast = (way([trial], shapes) for way in (_sample_by_sample(kind), kind.sums_of))
     np.testing.assert_allclose(fast.square, exact.square, rtol=2e-3)
 

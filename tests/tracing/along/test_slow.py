@@ -296,6 +296,42 @@ def test_a_share_is_known_no_better_than_the_force_that_it_is_of(scatter):
         assert 0.0 < low < 0.5 * 0.3 and high > 2.0 * 0.3
 
 
+def test_a_periodic_sheet_need_not_be_a_sine():
+    """Its second harmonic is told beside the first."""
+    wave = 2.0 * np.pi / 0.0062
+
+    def gain(place, trial):
+        return 0.3 * np.cos(wave * place) + 0.1 * np.cos(2.0 * wave * place + 0.5)
+
+    named, _ = _named(gain, edge_share=1.0)
+    assert [each.kind.name for each in named] == ["material_periodicity"] * 2
+    lengths, sizes = (
+        [float(each.effect.values()[name]) for each in named] for name in ("wavelength_m", "amplitude")
+    )
+    np.testing.assert_allclose(lengths, [0.0062, 0.0031], rtol=2e-3)
+    np.testing.assert_allclose(sizes, [0.3, 0.1], rtol=0.05)
+
+
+def test_layers_whose_borders_blend_are_no_periodic_sheet():
+    """Harder and softer by turns, each over 1.5 mm: a wave comes near, but not to what force free in position
+    explains."""
+    places = [0.0101, 0.0116, 0.0181, 0.0196, 0.0261, 0.0276]
+    named, _ = _named(
+        lambda place, trial: np.interp(place, places, [0.0, 0.5, 0.5, -0.3, -0.3, 0.3]), edge_share=1.0
+    )
+    layers = [each.effect.values() for each in named]
+    assert {each.kind.name for each in named} == {"layered_material"}
+    for each in layers:
+        assert float(each["border_m"]) == pytest.approx(1.5e-3, rel=0.1)
+    borders = np.array([at for each in layers for at in _ends(each)])
+    for true in (0.01085, 0.01885, 0.02685):
+        assert np.abs(borders - true).min() < 1e-4
+
+
+def _ends(layer):
+    return float(layer["start_m"]), float(layer["start_m"]) + float(layer["length_m"])
+
+
 def test_layers_beside_each_other_are_all_found():
     def gain(place, trial):
         return np.where(place < 0.012, 0.0, np.where(place < 0.02, -0.3, 0.25 * (place < 0.026)))
