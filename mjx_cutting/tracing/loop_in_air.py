@@ -18,7 +18,8 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.engaged import in_the_air
 from mjx_cutting.tracing.along.presliding import HYSTERESIS, Columns, rather_in_time
-from mjx_cutting.tracing.along.slow import SlowRound, search_slow
+from mjx_cutting.tracing.along.slow import search_slow
+from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.passes import Pass, near_floor
 from mjx_cutting.tracing.records.course import Course, felt_at

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.by_place import by_place
 from mjx_cutting.tracing.fitting.edges import as_found, without_edges
 from mjx_cutting.tracing.fitting.heldout import HeldOut

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.tracing.along.ends import entry_exit
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound, search_slow
+from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.along.waves import courses
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.fitting.heldout import HeldOut, folds

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry, met_by
 from mjx_cutting.tracing.along.engaged import cut_down, touches_m
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.naming.decision import interval
 from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import along_path, felt_at

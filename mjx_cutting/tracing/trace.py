@@ -30,6 +30,7 @@ from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.fitting.tooth_path import on_true_path
 from mjx_cutting.tracing.loop_in_air import loop_in_air
 from mjx_cutting.tracing.naming.decision import gain_over_trials
+from mjx_cutting.tracing.naming.lesser_part import refused
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.passes import Pass, for_use, near_floor
@@ -44,7 +45,7 @@ from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
-from mjx_cutting.tracing.telling.verdict import TIED, testable, verdict
+from mjx_cutting.tracing.telling.verdict import TIED, only_scatter, testable, verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 from mjx_cutting.trials.dataset import Dataset
 
@@ -150,6 +151,10 @@ def _trace(
         teeth, orders = dataset.tool.teeth, found.lines.orders
         depends_before = dependences(found.dataset, found.before, teeth, orders)
         depends_after = dependences(found.dataset, found.after, teeth, orders)
+        cutter = dataset.tool.kind not in LEVEL_KINDS
+        if cutter and found.kinds and only_scatter(found.search.base, depends_before, found.floor_nrmse):
+            found = _unnamed(found, once(found.dataset, band, (), (), seed, progress))
+            depends_after = depends_before
         reasons = {
             kind.name: [
                 *evidence(kind, found.dataset, found.before, found.after), *found.evidence.get(kind.name, ())
@@ -271,6 +276,16 @@ def _with_droop(found: Pass) -> Pass:
         slow=(droop.round, *found.slow),
         evidence=found.evidence | {DROOP: droop.evidence},
     )
+
+
+def _unnamed(found: Pass, bare: Pass) -> Pass:
+    """The pass without names, where all that they explain is how the force scatters from trial to trial."""
+    rounds = found.search.rounds
+    if found.search.effects:
+        rounds = (
+            refused(rounds[0], "the force of the trials scatters as a whole, and nothing else is left"),
+        )
+    return replace(bare, search=replace(bare.search, rounds=rounds))
 
 
 def _with_offset(found: Pass) -> Pass:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import Ramps
-from mjx_cutting.tracing.along.slow import FEWEST_REACHED, SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_try import FEWEST_REACHED
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction

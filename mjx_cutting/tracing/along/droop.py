@@ -26,7 +26,7 @@ from scipy import stats
 
 from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.cutting.average import mean_load
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out

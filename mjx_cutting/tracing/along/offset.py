@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.fit import Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions

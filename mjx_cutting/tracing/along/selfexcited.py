@@ -29,7 +29,7 @@ from scipy import stats
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.flip import Flip, flipping
-from mjx_cutting.tracing.along.slow import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.along.vibration import FAR_ABOVE, RESOLVED, Vibration, vibration
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction

@@ -13,7 +13,7 @@ from typing import Any
 import mjx_cutting
 from mjx_cutting._report.page import Fact, Picture, Table, environment
 from mjx_cutting._report.quantities import chance, interval, joined, number, percent, quantity
-from mjx_cutting.tracing.along.slow import SlowRound
+from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.naming.candidate import Round
 from mjx_cutting.tracing.report import advice, figures, wording
 from mjx_cutting.tracing.report.figures.subject import subjects

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.along.droop import NAME as DROOP
-from mjx_cutting.tracing.along.slow import SlowRound
 from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
+from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.problem import Problem, shared_bias
 from mjx_cutting.tracing.naming.candidate import Candidate, Round
@@ -199,6 +199,14 @@ def less_scatter(heldout: HeldOut, depends: Sequence[Dependence]) -> float:
     if own is None:
         return heldout.nrmse
     return min(heldout.nrmse, own.of_force * float(np.sqrt(1.0 / own.share - 1.0)))
+
+
+def only_scatter(base: HeldOut, before: Sequence[Dependence], floor: float) -> bool:
+    """Whether the base model leaves noise, `floor` of the force, and a small factor of each trial's own that
+    goes with nothing: what an effect explains of that, it explains by chance."""
+    found = [each for each in before if each.found]
+    scatter = bool(found) and all(map(_of_the_trial, found))
+    return scatter and less_scatter(base, before) <= AT_FLOOR * floor
 
 
 def _of_the_trial(each: Dependence) -> bool:

@@ -55,6 +55,17 @@ def test_forces_a_little_larger_in_some_trials_are_explained(factor, word):
     assert told._word(error, 0.0093, named=True, tied=False, shown=True, left=[]) == word
 
 
+@pytest.mark.parametrize(
+    ("error", "p_value", "only"), [(0.008, 1e-9, True), (0.02, 1e-9, False), (0.008, 0.2, False)]
+)
+def test_scatter_alone_is_told_from_what_an_effect_may_explain(error, p_value, only):
+    """Where the trials' own factors leave more than noise, or are not there, a name stands."""
+    own = Dependence("trial", p_value, 1.0 / (1.0 + (error / 0.012) ** 2), 0.012, "sheets", factor=0.012)
+    lines = Dependence("spindle order", 1e-9, 0.1, 0.005, "runout")
+    assert told.only_scatter(_base(0.03), [own], floor=0.008) is only
+    assert told.only_scatter(_base(0.03), [own, lines], floor=0.008) is False
+
+
 def _heldout(*by_trial: tuple[float, float, float]) -> HeldOut:
     return HeldOut(np.array(by_trial), np.full((len(by_trial), 3), 10.0), None, np.arange(len(by_trial)))
 

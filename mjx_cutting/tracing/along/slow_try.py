@@ -1,0 +1,177 @@
+"""One effect along the trials tried: its best shape, its held-out error, and whether it is accepted.
+
+A named effect must also do most of what an unnamed one could: force that varies freely with position (hats
+over the path) is fitted beside it, and where that does better by a sixth, the effect is not the cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.tracing.along.kind import Kind, as_values
+from mjx_cutting.tracing.along.layers import borders_on, columns_of, together
+from mjx_cutting.tracing.along.shapes import Sums, error_change, phases, solve, solve_in_phase, sums
+from mjx_cutting.tracing.along.slow_round import SlowCandidate
+from mjx_cutting.tracing.along.surety import intervals, reach_of_the_model, unsure_force
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.naming.decision import TOLERANCE, chance_over_trials, decide
+from mjx_cutting.tracing.records.course import Course
+
+FEWEST_REACHED = 4
+IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
+_HATS = 24
+_HARDLY = 1e-3
+_SHARE_OF_FREE = 0.85
+_ZOOMS = (1.0, 6.0, 36.0, 216.0)
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What every effect of a round is held to: `weight` [3] of the axes; the fall of the error that force
+    `free` in position brings; how many were tried (`tries`); `tolerance` and `in_range` of `search_slow`."""
+
+    weight: Array
+    free: float
+    tries: int
+    tolerance: float
+    in_range: bool
+
+
+def try_one(
+    kind: Kind, trials: Sequence[Course], before: HeldOut, test: Asked, beside: Sequence[Array] = ()
+) -> SlowCandidate:
+    """The best of a kind, and whether it is accepted; those found `beside` it [d] are fitted anew with it."""
+    weight, shapes = test.weight, kind.grid(trials)
+    everyone = np.ones(len(trials))
+    found, grid = kind.sums_of(trials, shapes), shapes
+    for zoom in _ZOOMS:
+        if kind.refine is None:
+            break
+        near = kind.refine(grid, shapes[solve(found, everyone, weight, kind.shared)[0]], zoom)
+        close = kind.sums_of(trials, near)
+        shapes = np.concatenate([shapes, near])
+        found = Sums(
+            np.concatenate([found.square, close.square], axis=1),
+            np.concatenate([found.product, close.product], axis=1),
+        )
+    fits = _Fits(kind, trials, found, shapes, weight, tuple(beside))
+    best, c = fits.to(everyone)
+    own = len(c) // (1 + len(beside))
+    effect = kind.build(shapes[best], c[:own])
+    error = np.zeros_like(before.error_n2)
+    by_fold = []
+    for fold in range(int(before.fold.max()) + 1):
+        shape, c_without = fits.to((before.fold != fold).astype(float))
+        held = before.fold == fold
+        error[held] = (before.error_n2 + fits.error_change(shape, c_without))[held]
+        by_fold.append(as_values(kind.build(shapes[shape], c_without[:own])))
+    after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
+    reached = _reached(kind, trials, shapes[best])
+    p = chance_over_trials(before.only(reached), after.only(reached), test.tries)
+    reach = reach_of_the_model(kind, trials, shapes[best])
+    error_of_it = reach * TOLERANCE
+    accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
+    unsure = error_of_it / accounted
+    parameters = intervals(kind, effect, by_fold, unsure)
+    off = reach * test.tolerance
+    decision = decide(kind.effect, before, after, p, parameters, tolerance=off, in_range=test.in_range)
+    if decision.accepted:
+        # that it is there does not hang on how large the force is; how large a share of it, does
+        unsure += unsure_force(kind, trials, shapes[best], c[:own], weight)
+        parameters = intervals(kind, effect, by_fold, unsure)
+        decision = replace(decision, parameters=parameters)
+    explained = fall_of_error(before, after, weight)
+    short = decision.accepted and kind.name in IN_POSITION and explained < _SHARE_OF_FREE * test.free
+    if short:
+        ratio = test.free / max(explained, 1e-300)
+        why = f"force that varies freely with position explains {ratio:.1f} times as much"
+        decision = replace(decision, accepted=False, reasons=(why,))
+    rather = None if beside and borders_on(shapes[best], beside) else kind.rather
+    if decision.accepted and rather is not None and (why := rather(trials, effect)):
+        decision = replace(decision, accepted=False, reasons=(why,))
+    added, whole = [], []
+    for course, one in zip(trials, fits.in_each(best, c), strict=True):
+        columns = fits.columns(course, best)
+        added.append(course.own(columns) @ one)
+        whole.append(columns @ one)
+    return SlowCandidate(
+        kind.effect, effect, after, decision, tuple(added), tuple(whole), short, shapes[best], unsure
+    )
+
+
+def fall_of_error(before: HeldOut, after: HeldOut, weight: Array) -> float:
+    """Fall of the weighted squared error on held-out trials."""
+    return float(np.sum((before.error_n2 - after.error_n2) * weight**2))
+
+
+def free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -> float:
+    """Fall of the weighted squared error on held-out trials that force free to vary with position brings."""
+    low = min(float(each.position_m.min()) for each in trials)
+    high = max(float(each.position_m.max()) for each in trials)
+    knots = np.linspace(low, high, _HATS)
+    width = max(knots[1] - knots[0], 1e-9)
+
+    def hats(course: Course, shape: Array) -> Array:
+        share = np.clip(1.0 - np.abs(course.position_m[:, None] - knots) / width, 0.0, 1.0)
+        return (course.chip_n + course.edge_n)[..., None] * share[:, None, :]
+
+    found = sums(hats, trials, np.zeros((1, 1)))
+    fall = 0.0
+    for fold in range(int(before.fold.max()) + 1):
+        _, c, _ = solve(found, (before.fold != fold).astype(float), weight)
+        held = before.fold == fold
+        fall -= float(np.sum(error_change(found, 0, c)[held] * weight**2))
+    return max(fall, 0.0)
+
+
+def _reached(kind: Kind, trials: Sequence[Course], shape: Array) -> NDArray[np.bool_]:
+    """[R] the trials that a shape [d] changes at all: those that end before its place, or begin beyond it,
+    say nothing for it or against. All, where few do."""
+    changed = [np.mean(kind.columns(course, shape) ** 2) for course in trials]
+    share = np.asarray(changed) / [np.mean(course.force(1.0) ** 2) for course in trials]
+    reached = share > _HARDLY * share.max()
+    return reached if reached.sum() >= FEWEST_REACHED else np.ones(len(trials), bool)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """Fits of one of a kind: the `found` statistics at `shapes` [P, d], and those `beside` it fitted anew."""
+
+    kind: Kind
+    trials: Sequence[Course]
+    found: Sums
+    shapes: Array
+    weight: Array
+    beside: tuple[Array, ...]
+
+    def to(self, use: Array) -> tuple[int, Array]:
+        """Best shape and its coefficients [k], with those of the others behind them, over the trials used."""
+        if self.kind.own_phase:
+            return solve_in_phase(self.found, use, self.weight)
+        best, c, _ = solve(self.found, use, self.weight, self.kind.shared)
+        return best, solve(self._at(best)[0], use, self.weight)[1] if self.beside else c
+
+    def error_change(self, shape: int, c: Array) -> Array:
+        """[R, 3] change of each trial's squared error, N^2."""
+        return error_change(*self._at(shape), self.in_each(shape, c))
+
+    def in_each(self, shape: int, c: Array) -> Array:
+        """[R, k] coefficients in every trial, its own phase fitted on it where the effect has one."""
+        if self.kind.own_phase:
+            return phases(self.found, shape, c, self.weight) @ c
+        return np.tile(c, (len(self.trials), 1))
+
+    def columns(self, course: Course, shape: int) -> Array:
+        """[T, 3, k] what each coefficient adds to a trial."""
+        return columns_of(self.kind, course, (self.shapes[shape], *self.beside))
+
+    def _at(self, shape: int) -> tuple[Sums, int]:
+        """Statistics that hold a shape with those beside it, and its place in them."""
+        if not self.beside:
+            return self.found, shape
+        return together(self.kind, self.trials, (self.shapes[shape], *self.beside)), 0
