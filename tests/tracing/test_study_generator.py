@@ -207,6 +207,17 @@ def test_a_session_cut_down_keeps_what_its_word_says():
     }
 
 
+def test_a_session_scattered_has_cuts_larger_or_smaller_as_a_whole():
+    whole = study.make("drill", {}, seed=401).dataset
+    made = FEWER["scattered"](whole)
+    pairs = [(a, b) for a, b in zip(made.trials, whole.trials, strict=True) if a.kind == "cut"]
+    factors = np.array([np.median(a.force_n[:, 2] / b.force_n[:, 2]) for a, b in pairs])
+    assert 0.006 < np.std(factors) < 0.02
+    for (a, b), factor in zip(pairs, factors, strict=True):
+        np.testing.assert_allclose(a.force_n, factor * b.force_n)
+        np.testing.assert_allclose(a.torque_nm, factor * b.torque_nm)
+
+
 def test_what_a_stuck_chip_lets_one_tooth_take_more_the_next_one_lacks():
     def taken(stuck):
         cut = reference_cut(edge_n_m=np.zeros(3), stuck=stuck)
