@@ -33,21 +33,18 @@ def with_together(
     if not kind.several or kind.own_phase or not found:
         return list(rounds)
     closer = fitted_together(kind, found, rest, weight)
-    settled_ = dict(zip(map(id, found), closer, strict=True))
+    anew = dict(zip(map(id, found), closer, strict=True))
     change = closer[-1].heldout.error_n2 - found[-1].heldout.error_n2
     # what was found after them was found beside them as they were
-    behind = False
-    for each in rounds:
-        if behind and each.accepted is not None:
-            error = np.maximum(each.accepted.heldout.error_n2 + change, 0.0)
-            heldout = replace(each.accepted.heldout, error_n2=error)
-            settled_[id(each.accepted)] = replace(each.accepted, heldout=heldout)
-        behind = behind or each.accepted is found[-1]
+    last = next(i for i, each in enumerate(rounds) if each.accepted is found[-1])
+    for later in (each.accepted for each in rounds[last + 1 :] if each.accepted is not None):
+        error = np.maximum(later.heldout.error_n2 + change, 0.0)
+        anew[id(later)] = replace(later, heldout=replace(later.heldout, error_n2=error))
     return [
         replace(
             each,
-            candidates=tuple(settled_.get(id(one), one) for one in each.candidates),
-            accepted=settled_.get(id(each.accepted), each.accepted),
+            candidates=tuple(anew.get(id(one), one) for one in each.candidates),
+            accepted=anew.get(id(each.accepted), each.accepted),
         )
         for each in rounds
     ]
@@ -63,13 +60,13 @@ def fitted_together(
         for course, *added in zip(rest, *(each.added_n for each in found), strict=True)
     ]
     shapes = [each.shape for each in found]
-    together_ = _at(kind, found, shapes, trials, rest, weight) if len(found) > 1 else list(found)
+    in_place = _at(kind, found, shapes, trials, rest, weight) if len(found) > 1 else list(found)
     if kind.stack is None:
-        return together_
+        return in_place
     places = settled(kind.stack(trials), shapes, len(trials), weight)
     closer = _at(kind, found, places, trials, rest, weight)
-    first, then = (float(np.sum(way[-1].heldout.error_n2 * weight**2)) for way in (together_, closer))
-    return closer if then < _CLOSER * first else together_
+    first, then = (float(np.sum(way[-1].heldout.error_n2 * weight**2)) for way in (in_place, closer))
+    return closer if then < _CLOSER * first else in_place
 
 
 def _at(
@@ -82,16 +79,16 @@ def _at(
 ) -> list[SlowCandidate]:
     """What was `found` of a kind at `shapes` [d], with strengths fitted at once to the `trials`, of which it
     has left the `rest`."""
-    sums_, fold = together(kind, trials, shapes), found[-1].heldout.fold
-    _, whole, _ = solve(sums_, np.ones(len(trials)), weight)
-    by_fold = [solve(sums_, (fold != f).astype(float), weight)[1] for f in range(int(fold.max()) + 1)]
+    found_sums, fold = together(kind, trials, shapes), found[-1].heldout.fold
+    _, whole, _ = solve(found_sums, np.ones(len(trials)), weight)
+    by_fold = [solve(found_sums, (fold != f).astype(float), weight)[1] for f in range(int(fold.max()) + 1)]
     # held-out errors change as those do on the trials as they are
-    change = error_change(sums_, 0, np.stack([by_fold[f] for f in fold]))
+    change = error_change(found_sums, 0, np.stack([by_fold[f] for f in fold]))
     change -= [np.sum(b.left_n**2 - a.left_n**2, axis=0) for a, b in zip(trials, rest, strict=True)]
     last = found[-1].heldout
     heldout = replace(last, error_n2=np.maximum(last.error_n2 + change, 0.0), fits=None)
     own = len(whole) // len(shapes)
-    settled_ = []
+    anew = []
     for i, (each, shape) in enumerate(zip(found, shapes, strict=True)):
         part = slice(own * i, own * (i + 1))
         effect = kind.build(shape, whole[part])
@@ -103,7 +100,7 @@ def _at(
             for name, interval in each.decision.parameters.items()
         }
         columns = [kind.columns(course, shape) for course in trials]
-        settled_.append(
+        anew.append(
             replace(
                 each,
                 effect=effect,
@@ -114,7 +111,7 @@ def _at(
                 whole_n=tuple(x @ whole[part] for x in columns),
             )
         )
-    return settled_
+    return anew
 
 
 def _centred(interval: Interval, value: float) -> Interval:

@@ -54,8 +54,7 @@ def without_edges(dataset: Dataset, band_hz: tuple[float, float]) -> Dataset:
     lines = lines_as_it_turned(dataset, band_hz)
     problem, base = fit_base(pose(dataset, lines))
     cleared = _less_edges(dataset, lines, problem, base.model, shared_bias(problem, base.x))
-    rest = compress(cleared, band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
-    return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else dataset
+    return dataset if cleared is None else cleared
 
 
 def as_found(
@@ -69,9 +68,7 @@ def as_found(
     """
     if not model.effects or not all(_of_the_teeth(each) for each in model.effects):
         return None
-    cleared = _less_edges(dataset, lines, problem, model, bias_n)
-    rest = compress(cleared, lines.band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
-    return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else None
+    return _less_edges(dataset, lines, problem, model, bias_n)
 
 
 def _of_the_teeth(effect: AbstractEffect) -> bool:
@@ -81,7 +78,9 @@ def _of_the_teeth(effect: AbstractEffect) -> bool:
 
 def _less_edges(
     dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, bias_n: ArrayLike
-) -> Dataset:
+) -> Dataset | None:
+    """The trials less the edges of a model's teeth; None where that does not leave a tenth less between the
+    lines than there was."""
     shown = predictions(dataset, lines, problem, model, bias_n)
     # teeth that are all alike repeat at every pitch
     a_turn = 1 if model.effects else problem.tool.teeth
@@ -95,7 +94,9 @@ def _less_edges(
         replace(trial, force_n=trial.force_n - next(edges)) if trial.kind == "cut" else trial
         for trial in dataset.trials
     )
-    return replace(dataset, trials=tuple(trials))
+    cleared = replace(dataset, trials=tuple(trials))
+    rest = compress(cleared, lines.band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
+    return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else None
 
 
 def _width_s(

@@ -1,15 +1,15 @@
 """Is a named effect more than a factor that every trial could have of its own?
 
 Whatever makes all the force of a trial larger or smaller (a material that softens with cutting speed, one
-batch beside another) is imitated in part by every effect that grows with something the trials differ in.
-So each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves
-of the candidate little that is its own, the candidate is not the cause. No two cuts are quite alike: what
+batch beside another) is imitated in part by every effect that grows with something the trials differ in. So
+each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves of
+the candidate little that is its own, the candidate is not the cause. No two cuts are quite alike: what
 factors do beside a candidate is such scatter, if it is small, and if factors that go with nothing would not
-follow the candidate so closely by chance. Runout, a
-mode, a filter change the shape of the force and pass beside any factor, or explain what the factors leave; a
-mode or a filter that does neither, however much it explains, is but a gain at each spindle speed. And one
-that does little beside the factors must take most of what is missing: gains that go their own way are
-imitated in part. Levels have no shape, so tools that have only those are let be.
+follow the candidate so closely by chance. Runout, a mode, a filter change the shape of the force and pass
+beside any factor, or explain what the factors leave; a mode or a filter that does neither, however much it
+explains, is but a gain at each spindle speed. And one that does little beside the factors must take most of
+what is missing: gains that go their own way are imitated in part. Levels have no shape, so tools that have
+only those are let be.
 """
 
 from __future__ import annotations

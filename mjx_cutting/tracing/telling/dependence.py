@@ -84,7 +84,7 @@ def dependences(
     """All tests on the residuals of a dataset's cut trials, the strongest first."""
     band = _independent_share(dataset, predictions)
     own = own_factors(predictions)
-    # of a tool that is always engaged a trial has one level, which is no factor
+    # of a tool that is always engaged a trial has one level: without its factor nothing of that is left
     levels = dataset.tool.kind in LEVEL_KINDS
     shaped = predictions if levels else own.without
     split = [_split(each, orders) for each in shaped]
