@@ -28,7 +28,7 @@ from mjx_cutting.deploy.service import Log, Service, bind
 KEY = b"0123456789abcdef"
 STILL = (0.0, 0.0, 0.0)
 READY = State(Robot.READY, 0, STILL, STILL, (0.5, 0.3, 0.1), (1.0, 2.0, 3.0), 0.0125, 0.0, 0.0, 0.0, 0.0)
-PATIENT = Limits(hold_s=0.4, overrun_s=0.4)
+PATIENT = Limits(hold_s=1.0, overrun_s=1.0)
 """On a busy machine the test itself may be late; what is tested is not the machine."""
 
 
@@ -175,7 +175,7 @@ def test_a_server_that_dies_leaves_a_robot_that_stops(served: Artefact) -> None:
         drive(client, 5.0, mode_is(Mode.RUNNING))
         drive(client, 1.0, start=False)
         first.service._to = lambda address, data: None  # type: ignore[method-assign]
-        seen = drive(client, 2.0, start=False)
+        seen = drive(client, 2.5, start=False)
         first.close()
         assert client.follower is not None and client.follower.silent and client.follower.standing
         feeds = np.array([feed for _, _, feed in seen])
@@ -207,10 +207,11 @@ def test_a_second_client_is_turned_away(serving: Running) -> None:
 
         thread = threading.Thread(target=try_it)
         thread.start()
-        seen = drive(client, 1.0, start=False)
+        counts = serving.server.counts
+        seen = drive(client, 10.0, lambda _: bool(told) and counts["unknown_peer"] >= second.sequence, False)
         thread.join()
         second.close()
-        assert told == [TimeoutError] and serving.server.counts["unknown_peer"] >= 3
+        assert told == [TimeoutError] and counts["unknown_peer"] == second.sequence > 0  # every HELLO of it
         assert {mode for _, mode, _ in seen} == {Mode.RUNNING}
 
 
