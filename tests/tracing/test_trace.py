@@ -9,6 +9,8 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.study import make
+from benchmarks.study.fewer import FEWER
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing import save, trace
 from mjx_cutting.trials import resolve
@@ -50,6 +52,18 @@ def test_clean_data_are_left_alone(mill, seed):
     verdict = trace(mill(seed=seed), effects=FOUR).verdict
     assert verdict["effects"] == []
     assert verdict["verdict"] == "nothing missing"
+
+
+@pytest.mark.slow
+def test_a_name_that_only_follows_how_cuts_scatter_is_taken_back():
+    """A robot's mode passes every test here: it fits how the cuts are larger and smaller as a whole."""
+    scattered = FEWER["scattered"](make("saw", {}, seed=9610).dataset)
+    tracing = trace(scattered, effects=("robot_mode",))
+    assert tracing.verdict["effects"] == [] and tracing.verdict["verdict"] == "nothing missing"
+    (refused,) = tracing.search.rounds[0].candidates
+    assert refused.kind.name == "robot_mode" and not refused.decision.accepted
+    assert "scatters as a whole" in refused.decision.reasons[0]
+    assert "counts as scatter" in tracing.verdict["remaining"]["description"]
 
 
 @pytest.mark.slow
