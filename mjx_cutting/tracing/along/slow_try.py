@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.kind import Kind, as_values
 from mjx_cutting.tracing.along.layers import borders_on, columns_of, together
 from mjx_cutting.tracing.along.shapes import Sums, error_change, phases, solve, solve_in_phase, sums
@@ -46,34 +48,13 @@ def try_one(
     kind: Kind, trials: Sequence[Course], before: HeldOut, test: Asked, beside: Sequence[Array] = ()
 ) -> SlowCandidate:
     """The best of a kind, and whether it is accepted; those found `beside` it [d] are fitted anew with it."""
-    weight, shapes = test.weight, kind.grid(trials)
-    everyone = np.ones(len(trials))
-    found, grid = kind.sums_of(trials, shapes), shapes
-    for zoom in _ZOOMS:
-        if kind.refine is None:
-            break
-        near = kind.refine(grid, shapes[solve(found, everyone, weight, kind.shared)[0]], zoom)
-        close = kind.sums_of(trials, near)
-        shapes = np.concatenate([shapes, near])
-        found = Sums(
-            np.concatenate([found.square, close.square], axis=1),
-            np.concatenate([found.product, close.product], axis=1),
-        )
-    fits = _Fits(kind, trials, found, shapes, weight, tuple(beside))
-    best, c = fits.to(everyone)
-    own = len(c) // (1 + len(beside))
-    effect = kind.build(shapes[best], c[:own])
-    error = np.zeros_like(before.error_n2)
-    by_fold = []
-    for fold in range(int(before.fold.max()) + 1):
-        shape, c_without = fits.to((before.fold != fold).astype(float))
-        held = before.fold == fold
-        error[held] = (before.error_n2 + fits.error_change(shape, c_without))[held]
-        by_fold.append(as_values(kind.build(shapes[shape], c_without[:own])))
-    after = HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold)
-    reached = _reached(kind, trials, shapes[best])
+    weight = test.weight
+    fits = _fits(kind, trials, weight, tuple(beside))
+    shape, effect, c = fits.to(np.ones(len(trials)))
+    after, by_fold = fits.held_out(before)
+    reached = _reached(kind, trials, fits.shapes[shape])
     p = chance_over_trials(before.only(reached), after.only(reached), test.tries)
-    reach = reach_of_the_model(kind, trials, shapes[best])
+    reach = reach_of_the_model(kind, trials, fits.shapes[shape])
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
     unsure = error_of_it / accounted
@@ -82,25 +63,24 @@ def try_one(
     decision = decide(kind.effect, before, after, p, parameters, tolerance=off, in_range=test.in_range)
     if decision.accepted:
         # that it is there does not hang on how large the force is; how large a share of it, does
-        unsure += unsure_force(kind, trials, shapes[best], c[:own], weight)
-        parameters = intervals(kind, effect, by_fold, unsure)
-        decision = replace(decision, parameters=parameters)
+        unsure += unsure_force(kind, trials, fits.shapes[shape], c[: fits.own(c)], weight)
+        decision = replace(decision, parameters=intervals(kind, effect, by_fold, unsure))
     explained = fall_of_error(before, after, weight)
     short = decision.accepted and kind.name in IN_POSITION and explained < _SHARE_OF_FREE * test.free
     if short:
         ratio = test.free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
         decision = replace(decision, accepted=False, reasons=(why,))
-    rather = None if beside and borders_on(shapes[best], beside) else kind.rather
+    rather = None if beside and borders_on(fits.shapes[shape], beside) else kind.rather
     if decision.accepted and rather is not None and (why := rather(trials, effect)):
         decision = replace(decision, accepted=False, reasons=(why,))
     added, whole = [], []
-    for course, one in zip(trials, fits.in_each(best, c), strict=True):
-        columns = fits.columns(course, best)
+    for course, one in zip(trials, fits.in_each(shape, c), strict=True):
+        columns = fits.columns(course, shape)
         added.append(course.own(columns) @ one)
         whole.append(columns @ one)
     return SlowCandidate(
-        kind.effect, effect, after, decision, tuple(added), tuple(whole), short, shapes[best], unsure
+        kind.effect, effect, after, decision, tuple(added), tuple(whole), short, fits.shapes[shape], unsure
     )
 
 
@@ -149,12 +129,31 @@ class _Fits:
     weight: Array
     beside: tuple[Array, ...]
 
-    def to(self, use: Array) -> tuple[int, Array]:
-        """Best shape and its coefficients [k], with those of the others behind them, over the trials used."""
+    def to(self, use: Array) -> tuple[int, AbstractEffect, Array]:
+        """Best shape over the trials used, the effect it is, and its coefficients [k] with those of the
+        others behind them."""
         if self.kind.own_phase:
-            return solve_in_phase(self.found, use, self.weight)
-        best, c, _ = solve(self.found, use, self.weight, self.kind.shared)
-        return best, solve(self._at(best)[0], use, self.weight)[1] if self.beside else c
+            best, c = solve_in_phase(self.found, use, self.weight)
+        else:
+            best, c, _ = solve(self.found, use, self.weight, self.kind.shared)
+            if self.beside:
+                c = solve(self._at(best)[0], use, self.weight)[1]
+        return best, self.kind.build(self.shapes[best], c[: self.own(c)]), c
+
+    def held_out(self, before: HeldOut) -> tuple[HeldOut, list[dict[str, Any]]]:
+        """The error on the folds of `before` once the effect is fitted without them, and what it is then."""
+        error = np.zeros_like(before.error_n2)
+        by_fold = []
+        for fold in range(int(before.fold.max()) + 1):
+            held = before.fold == fold
+            shape, effect, c = self.to((~held).astype(float))
+            error[held] = (before.error_n2 + self.error_change(shape, c))[held]
+            by_fold.append(as_values(effect))
+        return HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold), by_fold
+
+    def own(self, c: Array) -> int:
+        """How many of the coefficients [k] are the effect's own."""
+        return len(c) // (1 + len(self.beside))
 
     def error_change(self, shape: int, c: Array) -> Array:
         """[R, 3] change of each trial's squared error, N^2."""
@@ -175,3 +174,20 @@ class _Fits:
         if not self.beside:
             return self.found, shape
         return together(self.kind, self.trials, (self.shapes[shape], *self.beside)), 0
+
+
+def _fits(kind: Kind, trials: Sequence[Course], weight: Array, beside: tuple[Array, ...]) -> _Fits:
+    """Fits over the grid of a kind, refined about what is best on all trials."""
+    grid, everyone = kind.grid(trials), np.ones(len(trials))
+    shapes, found = grid, kind.sums_of(trials, grid)
+    for zoom in _ZOOMS:
+        if kind.refine is None:
+            break
+        near = kind.refine(grid, shapes[solve(found, everyone, weight, kind.shared)[0]], zoom)
+        close = kind.sums_of(trials, near)
+        shapes = np.concatenate([shapes, near])
+        found = Sums(
+            np.concatenate([found.square, close.square], axis=1),
+            np.concatenate([found.product, close.product], axis=1),
+        )
+    return _Fits(kind, trials, found, shapes, weight, beside)

@@ -3,7 +3,8 @@
 Such a tool is always engaged, so a turn has no shape to speak of: thrust and torque of a drill, the three
 forces of a turning tool, each at the steady part of the trial. A sensor zeroed before the trial reads nothing
 there but the cut, so no bias is fitted; where records that begin in the air (of a turning tool, or end in
-it: a drill rubs on its way out) show that it was not at zero, what it read there is taken off.
+it: a drill rubs on its way out) show that it was not at zero, what it read there is taken off. Of a sensor
+zeroed once a session, what it read there stands beside the cuts as cuts in air do.
 """
 
 from __future__ import annotations
@@ -15,13 +16,10 @@ from numpy.typing import NDArray
 
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.part import part_of
+from mjx_cutting.tracing.records.steady import IN_CUT, sizes, steady
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 LEVEL_KINDS = ("drill", "turning")
-_IN_CUT = 0.5
-_TRIMMED = 0.1
-_AT_LEVEL = 0.9
-_FEWEST = 8
 _AIR = 0.5
 _FEWEST_IN_AIR = 20
 _AT_REST = 3.0
@@ -42,12 +40,16 @@ def as_levels(dataset: Dataset) -> Dataset:
     if dataset.tool.kind not in LEVEL_KINDS:
         return dataset
     trials = [_channels(trial, dataset.tool.kind) for trial in dataset.trials]
+    airs = [_beside_the_cut(trial, dataset.tool.kind) for trial in trials]
+    in_air = []
     if dataset.sensor.zeroed == "trial":
-        trials = _at_zero(trials, dataset.tool.kind)
+        trials = _at_zero(trials, airs)
+    else:
+        in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
     trials = [
-        part_of(trial, along_path(trial), _steady(trial.force_n)) if trial.kind == "cut" else trial
+        part_of(trial, along_path(trial), steady(trial.force_n)) if trial.kind == "cut" else trial
         for trial in trials
-    ]
+    ] + in_air
     if dataset.tool.kind == "drill":
         mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
         against = np.where(mean < 0.0, -1.0, 1.0)
@@ -64,10 +66,10 @@ def _channels(trial: Trial, kind: str) -> Trial:
     return replace(trial, force_n=force, torque_nm=None)
 
 
-def _at_zero(trials: list[Trial], kind: str) -> list[Trial]:
+def _at_zero(trials: list[Trial], airs: list[slice | None]) -> list[Trial]:
     """The trials less what they read in the air beside the cut, where that is more than its noise."""
-    airs = [_beside_the_cut(trial, kind) for trial in trials]
-    read = [(air.mean(axis=0), _AT_REST * _error(air)) for air in airs if air is not None]
+    beside = [None if air is None else trial.force_n[air] for trial, air in zip(trials, airs, strict=True)]
+    read = [(air.mean(axis=0), _AT_REST * _error(air)) for air in beside if air is not None]
     if not read:
         return trials
     mean, error = (np.stack(each) for each in zip(*read, strict=True))
@@ -77,61 +79,45 @@ def _at_zero(trials: list[Trial], kind: str) -> list[Trial]:
         return trials
     return [
         trial if air is None else replace(trial, force_n=trial.force_n - air.mean(axis=0))
-        for trial, air in zip(trials, airs, strict=True)
+        for trial, air in zip(trials, beside, strict=True)
     ]
 
 
-def _beside_the_cut(trial: Trial, kind: str) -> NDArray[np.floating] | None:
-    """[A, 3] what a cut shows in the air before it, else of a turning tool after it; None where neither."""
+def _air_of(trial: Trial, air: slice) -> Trial:
+    """What a record shows beside the cut, as a cut in air."""
+    return replace(
+        part_of(trial, along_path(trial), air), kind="air", file=f"{trial.file}, beside the cut", milling=None
+    )
+
+
+def _beside_the_cut(trial: Trial, kind: str) -> slice | None:
+    """Samples of the air before a cut, else of a turning tool after it; None where neither."""
     if trial.kind != "cut":
         return None
     before = _air(trial.force_n)
-    return _air(trial.force_n[::-1]) if before is None and kind == "turning" else before
+    if before:
+        return slice(0, before)
+    after = _air(trial.force_n[::-1]) if kind == "turning" else 0
+    return slice(len(trial.force_n) - after, len(trial.force_n)) if after else None
 
 
-def _air(force: NDArray[np.floating]) -> NDArray[np.floating] | None:
-    """[A, 3] the first three quarters of the samples before the tool touches; None where there are too few to
-    tell where the zero is, or where it is none: half or more of what the cut then adds to it."""
+def _air(force: NDArray[np.floating]) -> int:
+    """The first three quarters of the samples before the tool touches; 0 where there are too few to tell
+    where the zero is, or where it is none: half or more of what the cut then adds to it."""
     added = force - force[:_FEWEST_IN_AIR].mean(axis=0)
-    size, usual = _sizes(added)
-    touched = int(np.argmax(size > _IN_CUT * usual))
+    size, usual = sizes(added)
+    touched = int(np.argmax(size > IN_CUT * usual))
     while touched >= _FEWEST_IN_AIR:
         air = force[:touched]
         early, late = air[: 3 * touched // 4], air[3 * touched // 4 :]
         rise = np.abs(late.mean(axis=0) - early.mean(axis=0))
         if np.all(rise <= _AT_REST * _error(late)):
             level = np.linalg.norm(air.mean(axis=0) / np.maximum(np.abs(added).max(axis=0), 1e-12))
-            return early if level < _AIR * usual else None
+            return len(early) if level < _AIR * usual else 0
         touched = int(_SHORTER * touched)
-    return None
+    return 0
 
 
 def _error(samples: NDArray[np.floating]) -> NDArray[np.floating]:
     """[3] standard error of the mean of samples."""
     return np.asarray(samples.std(axis=0) / np.sqrt(len(samples)))
-
-
-def _steady(force: NDArray[np.floating]) -> slice:
-    """Samples in full engagement: from the first to the last above half the usual force, ends trimmed at
-    which the tool comes in or goes out."""
-    size, usual = _sizes(force)
-    inside = np.flatnonzero(size > _IN_CUT * usual)
-    if len(inside) < _FEWEST:
-        return slice(None)
-    first, last = int(inside[0]), int(inside[-1]) + 1
-    trim = int(_TRIMMED * (last - first))
-    comes_in = first > 0 or _rises(size[first : first + trim])
-    goes_out = last < len(size) or _rises(size[last - trim : last][::-1])
-    return slice(first + trim * comes_in, last - trim * goes_out)
-
-
-def _rises(size: NDArray[np.floating]) -> bool:
-    """Whether the force is less at the beginning of a stretch [T] than in the rest of it."""
-    early, rest = np.split(size, [len(size) // 4])
-    return bool(len(early) == 0 or early.mean() < _AT_LEVEL * rest.mean())
-
-
-def _sizes(force: NDArray[np.floating]) -> tuple[NDArray[np.floating], float]:
-    """[T] size of the force, each channel by its largest, and what is usual in the cut."""
-    size = np.linalg.norm(force / np.maximum(np.abs(force).max(axis=0), 1e-12), axis=1)
-    return size, float(np.median(size[size >= 0.2 * size.max()]))

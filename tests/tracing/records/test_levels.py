@@ -179,9 +179,25 @@ def test_what_the_sensor_reads_in_the_air_before_the_cut_is_its_zero():
     for true, found in zip(as_levels(made).trials, as_levels(off).trials, strict=True):
         np.testing.assert_allclose(found.force_n.mean(axis=0), true.force_n.mean(axis=0), atol=1.0)
     # a sensor at its zero is left there, whatever its noise reads
-    once = replace(made, sensor=replace(made.sensor, zeroed="session"))
-    for true, found in zip(as_levels(once).trials, as_levels(made).trials, strict=True):
+    once = as_levels(replace(made, sensor=replace(made.sensor, zeroed="session")))
+    cuts = [each for each in once.trials if each.kind == "cut"]
+    for true, found in zip(cuts, as_levels(made).trials, strict=True):
         np.testing.assert_array_equal(found.force_n, true.force_n)
+
+
+def test_air_beside_the_cut_stands_beside_the_cuts_where_the_session_was_zeroed_once():
+    made = _drills(0.0)
+    made = replace(made, sensor=replace(made.sensor, zeroed="session"))
+    offsets = np.linspace(0.0, 40.0, len(made.trials))
+    moved = tuple(
+        replace(each, force_n=each.force_n + by, clock_start_s=60.0 * by)
+        for each, by in zip(made.trials, offsets, strict=True)
+    )
+    airs = [each for each in as_levels(replace(made, trials=moved)).trials if each.kind == "air"]
+    assert [each.file for each in airs] == [f"{each.file}, beside the cut" for each in made.trials]
+    for air, by in zip(airs, offsets, strict=True):
+        assert air.force_n[:, 2].mean() == pytest.approx(by, abs=1.0)
+        assert air.clock_start_s == 60.0 * by and len(air.time_s) == len(air.force_n) < 0.3 * RATE_HZ
 
 
 def test_air_after_the_cut_shows_the_zero_of_a_turning_tool(turning_cut):

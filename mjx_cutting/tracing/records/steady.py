@@ -1,0 +1,75 @@
+"""Where in a record a drill or a turning tool is in full engagement.
+
+Such a tool comes in over its point or its lead angle, the force with it, on a ramp that at a low feed may be
+longer than all that follows; then it bends into a level. That bend is where two straight lines that meet
+leave least. Where there is none, ends at which the tool comes in or goes out are trimmed by a tenth of the
+cut.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+IN_CUT = 0.5
+"""Share of the usual force above which the tool is in the cut."""
+
+_TRIMMED = 0.1
+_AT_LEVEL = 0.9
+_FEWEST = 8
+_BINS = 100
+_SHORTEST = 0.1
+_RISE = 0.2
+_FLAT = 0.05
+_CLOSE = 0.02
+Array = NDArray[np.floating]
+
+
+def steady(force: Array) -> slice:
+    """Samples in full engagement of a record [T, 3]: all, where it shows too few in the cut to tell."""
+    size, usual = sizes(force)
+    inside = np.flatnonzero(size > IN_CUT * usual)
+    if len(inside) < _FEWEST:
+        return slice(None)
+    first, last = int(inside[0]), int(inside[-1]) + 1
+    trim = int(_TRIMMED * (last - first))
+    ramp, end = _ramp(size[first : last - trim]), _ramp(size[first + trim : last][::-1])
+    comes_in = first > 0 or _rises(size[first : first + trim])
+    goes_out = last < len(size) or _rises(size[last - trim : last][::-1])
+    begin, stop = first + (ramp or trim * comes_in), last - (end or trim * goes_out)
+    return slice(begin, stop) if stop - begin >= _FEWEST else slice(first, last)
+
+
+def sizes(force: Array) -> tuple[Array, float]:
+    """[T] size of the force, each channel by its largest, and what is usual in the cut."""
+    size = np.linalg.norm(force / np.maximum(np.abs(force).max(axis=0), 1e-12), axis=1)
+    return size, float(np.median(size[size >= 0.2 * size.max()]))
+
+
+def _ramp(size: Array) -> int:
+    """Samples of a stretch [T] on which it rises before it bends into a level; 0 where it does not."""
+    each = len(size) // _BINS
+    if each == 0:
+        return 0
+    level = size[: each * _BINS].reshape(_BINS, each).mean(axis=1)
+    place = np.arange(_BINS) + 0.5
+    best, least = np.zeros(3), np.inf
+    bend = 0
+    for at in range(int(_SHORTEST * _BINS), int((1.0 - _SHORTEST) * _BINS) + 1):
+        lines = np.stack([np.ones(_BINS), np.minimum(place - at, 0.0), np.maximum(place - at, 0.0)], axis=1)
+        fit, *_ = np.linalg.lstsq(lines, level, rcond=None)
+        left = float(np.sum((level - lines @ fit) ** 2))
+        if left < least:
+            best, least, bend = fit, left, at
+    reached, rise, after = best
+    flat = abs(after) * (_BINS - bend) < _FLAT * reached and np.sqrt(least / _BINS) < _CLOSE * reached
+    if not flat or rise * bend < _RISE * reached:
+        return 0
+    # a ramp need not be quite straight, and the bend is somewhere within a bin
+    return (bend + int(_SHORTEST * (_BINS - bend))) * each
+
+
+def _rises(size: Array) -> bool:
+    """Whether the force is less at the beginning of a stretch [T] than in the rest of it."""
+    early, rest = np.split(size, [len(size) // 4])
+    return bool(len(early) == 0 or early.mean() < _AT_LEVEL * rest.mean())
