@@ -150,3 +150,23 @@ def test_a_factor_of_each_trials_own_ties_neither_axes_nor_teeth(dataset):
     whole = sum(np.sum(p.measured_n**2) for p in larger)
     assert found[0].factor == pytest.approx(np.sqrt(np.mean((size - 1.0) ** 2)), rel=0.1)
     assert found[0].of_force == pytest.approx(np.sqrt(energy / whole), rel=0.05)
+
+
+def test_a_factor_that_comes_and_goes_by_the_clock_is_told(dataset):
+    """One and a half swings over twelve trials, which no straight line follows; shuffled, it is scatter."""
+    clocks = 150.0 * np.arange(12) + 20.0 * np.random.default_rng(3).normal(size=12)
+    trials = tuple(
+        replace(dataset.trials[index % 6], file=f"t{index}.csv", clock_start_s=clock)
+        for index, clock in enumerate(clocks)
+    )
+    longer = replace(dataset, trials=trials)
+
+    def clock_among(order) -> list[str]:
+        swing = 0.05 * np.sin(2.0 * np.pi * clocks / 1200.0 + 0.4)[order]
+        left = _left(longer, lambda t, a, i: swing[i] * trials[i].force_n)
+        found = [each for each in dependences(longer, left, teeth=4, orders=12) if each.found]
+        return [each.look_for for each in found if each.covariate == "clock time"]
+
+    (told,) = clock_among(np.arange(12))
+    assert "comes and goes" in told
+    assert clock_among(np.random.default_rng(0).permutation(12)) == []
