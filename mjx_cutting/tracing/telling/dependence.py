@@ -27,6 +27,7 @@ from mjx_cutting.tracing.naming.decision import TOLERANCE
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis, order_of_columns
+from mjx_cutting.tracing.telling.momentary import Momentary, momentary
 from mjx_cutting.tracing.telling.own_factor import OwnFactors, own_factors
 from mjx_cutting.trials.dataset import Dataset
 
@@ -80,6 +81,10 @@ _LOOK_FOR = {
     "previous force": "memory or a line at a fixed frequency: a mode of the structure, mains pickup, chatter",
     "another axis": "crosstalk of the sensor or forces turned between the axes",
 }
+_ALL_OF_THE_FORCE = (
+    "all of the force, on every axis alike, larger and smaller from turn to turn: the sheet, lubrication, "
+    "chips that stay, an uneven feed or the sensor's gain, not a force beside that of the cut"
+)
 _COMES_AND_GOES = (
     "a force larger or smaller as a whole that comes and goes over several trials: the temperature of the "
     "sheet, the machine or the room, coolant, supply pressure or voltage"
@@ -104,9 +109,14 @@ def dependences(
             [p.measured_n for p in predictions],
         )
     )
-    found = [*_periodic(split, teeth, orders, band), _memory(split, band), _axes(shaped, band)]
+    moves = None if levels else momentary(predictions, band)
+    found = [*_periodic(split, teeth, orders, band), _memory(split, band)]
     found = [replace(each, share=part / whole * each.share) for each in found]
-    found += [_slow(predictions, band), _place(dataset, predictions, band)]
+    tied = shaped if moves is None else own_factors(moves.without).without
+    axes, rest = _axes(tied, band), energy([each.residual_n for each in tied])
+    found.append(replace(axes, share=rest / whole * axes.share))
+    found.append(_slow(predictions, band) if moves is None else _moving(moves, predictions, band))
+    found.append(_place(dataset, predictions, band))
     across = _across(dataset, predictions, own)
     found += [*across, _own(own, predictions, band, across)]
     told = [replace(each, of_force=float(np.sqrt(each.share * whole / force))) for each in found]
@@ -182,6 +192,14 @@ def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
         count += 3 * _SLOW_TERMS
     statistic = (line / count) / max(between / freedom, 1e-300)
     return _entry("time in trial", stats.f.sf(statistic, count, freedom), line / max(whole, 1e-300))
+
+
+def _moving(moves: Momentary, predictions: Sequence[Prediction], band: float) -> Dependence:
+    """A factor on all of the force that changes along each trial."""
+    freedom = sum(3 * band * len(each.time_s) for each in predictions) - moves.free
+    statistic = (moves.share / moves.free) / max((1.0 - moves.share) / max(freedom, 1.0), 1e-300)
+    told = _entry("time in trial", stats.f.sf(statistic, moves.free, max(freedom, 1.0)), moves.share)
+    return replace(told, look_for=_ALL_OF_THE_FORCE)
 
 
 def _place(dataset: Dataset, predictions: Sequence[Prediction], band: float) -> Dependence:
