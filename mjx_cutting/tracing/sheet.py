@@ -19,7 +19,7 @@ from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, ef
 from mjx_cutting.tracing.along.engaged import cut_down, touches_m
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.naming.decision import interval
-from mjx_cutting.tracing.passes import Pass
+from mjx_cutting.tracing.passes import Pass, near_floor
 from mjx_cutting.tracing.records.course import along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines
@@ -40,7 +40,8 @@ Ends = tuple[float, float, float]
 def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
     """What was found, or if the sheet ends within the records, what `one_pass` finds on the rest of them.
 
-    A first model does not tell whether rim or axis meets the ends: where that differs, both are tried.
+    A first model does not tell whether rim or axis meets the ends: where that differs, both are tried, unless
+    the first leaves no more than noise.
     """
     first = _ends_of_sheet(found.slow)
     if first is None:
@@ -48,10 +49,14 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
     reach = Ramps(found.lines, found.search.problem, found.model).reach_m
     ends = _places(first)
     ways = [ends] if len(met_by(reach)) == 1 else [ends, _met_otherwise(ends, float(np.median(reach)))]
-    traced = (_traced_inside(found, first, each, reach, one_pass) for each in ways)
-    return min(
-        (each for each in traced if each is not None), key=lambda each: each.final.nrmse, default=found
-    )
+    traced: list[Pass] = []
+    for way in ways:
+        inside = _traced_inside(found, first, way, reach, one_pass)
+        if inside is not None:
+            traced.append(inside)
+            if near_floor(inside):
+                break
+    return min(traced, key=lambda each: each.final.nrmse, default=found)
 
 
 def _met_otherwise(ends: Ends, reach_m: float) -> Ends:
