@@ -23,7 +23,8 @@ from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
-from mjx_cutting.tracing.along.selfexcited import find_vibration
+from mjx_cutting.tracing.along.selfexcited import SelfExcited, find_vibration
+from mjx_cutting.tracing.along.turning_chatter import find_chatter
 from mjx_cutting.tracing.by_place import in_ramps
 from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
@@ -251,15 +252,18 @@ def _if_better(moved: Pass, bare: Pass) -> Pass | None:
 
 def _with_vibration(found: Pass) -> Pass:
     """Vibration that the cut itself keeps up, of which the frequency is told and no model made."""
-    weight = np.asarray(found.search.problem.weight)
     if found.dataset.tool.kind in LEVEL_KINDS:
-        return found
+        shaken = find_chatter(found.dataset, found.lines.band_hz, found.after, found.final)
+        return found if shaken is None else _shaken(found, shaken)
+    weight = np.asarray(found.search.problem.weight)
     feed = {trial.file: trial.feed_speed_m_s for trial in found.dataset.trials}
     waves = [each.effect for each in found.along if isinstance(each.effect, MaterialPeriodicity)]
     waves_hz = np.array([[feed[each.file] / wave.wavelength_m for wave in waves] for each in found.after])
     shaken = find_vibration(found.dataset, found.lines, found.after, found.final, weight, waves_hz)
-    if shaken is None:
-        return found
+    return found if shaken is None else _shaken(found, shaken)
+
+
+def _shaken(found: Pass, shaken: SelfExcited) -> Pass:
     return replace(found.with_round(shaken.round, shaken.evidence), model=found.model)
 
 
