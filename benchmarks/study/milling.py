@@ -91,9 +91,9 @@ def shear(chip: Array, effects: dict[str, Params]) -> Array:
     made = chip
     if "ploughing" in effects:
         p = effects["ploughing"]
-        made = p["ratio"] * np.minimum(chip, p["minimum_chip_m"]) + np.maximum(
-            chip - p["minimum_chip_m"], 0.0
-        )
+        least = p["minimum_chip_m"]
+        ploughed = -least * np.expm1(-chip / least) if p.get("gradual") else np.minimum(chip, least)
+        made = chip + (p["ratio"] - 1.0) * ploughed
     if "size_effect" in effects:
         thick = np.maximum(chip, 1e-12)
         made = made * (thick / REFERENCE_CHIP_M) ** -effects["size_effect"]["exponent"]

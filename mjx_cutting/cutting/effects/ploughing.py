@@ -1,10 +1,11 @@
 """Ploughing: below a minimum chip thickness the edge pushes material aside instead of shearing it.
 
-f = b [k_p min(h, h_min) + k_c max(h - h_min, 0)], k_p = q k_c, one q a direction: an edge that ploughs pushes
-away more than it drags along. Waldorf, DeVor and Kapoor, J. Manufacturing Science and Engineering 120 (1998)
-693-699; h_min is 0.2 to 0.4 of the edge radius. Signature: extra force at entry and exit and at low feed; at
-high feed it is an edge constant. Confused with wear, which a sharp edge does not show, and with the size
-effect, which never levels off.
+f = b [k_p min(h, h_min) + k_c max(h - h_min, 0)], k_p = q k_c, one q a direction: an edge that ploughs
+pushes away more than it drags along. Waldorf, DeVor and Kapoor, J. Manufacturing Science and Engineering 120
+(1998) 693-699; h_min is 0.2 to 0.4 of the edge radius. Where the borderline is gradual, h_min (1 - exp(-h /
+h_min)) is ploughed instead of min(h, h_min): as stiff at first, and as large an edge force at high feed.
+Signature: extra force at entry and exit and at low feed; at high feed it is an edge constant. Confused with
+wear, which a sharp edge does not show, and with the size effect, which never levels off.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.chip import Chip
@@ -32,7 +34,8 @@ class Ploughing(AbstractEffect):
     """A stiffer force law below the minimum chip thickness.
 
     Fields: `minimum_chip_m` [] h_min, m; `ratio` [3] q, stiffness below h_min over that above it, tangential,
-    radial and axial (one number for all three will do).
+    radial and axial (one number for all three will do); `gradual` [] 1 where the borderline is, 0 where it is
+    sharp.
     """
 
     name = "ploughing"
@@ -44,6 +47,7 @@ class Ploughing(AbstractEffect):
             "m", 0.0, 5e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-100 um"
         ),
         "ratio": Parameter("1", 0.5, 30.0, None, 3.0, log=True, length=3, source="working knowledge"),
+        "gradual": Parameter("1", 0.0, 1.0, None, 0.0, source="0 or 1", whole=True),
     }
     signature = "extra force at entry, exit and low feed that levels off with feed"
     confused_with = {
@@ -53,10 +57,25 @@ class Ploughing(AbstractEffect):
 
     minimum_chip_m: ArrayLike
     ratio: ArrayLike
+    gradual: ArrayLike = 0.0
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
-        ploughed = jnp.minimum(1.0, self.minimum_chip_m / jnp.maximum(chip.thickness_m, _THINNEST_M))
+        within = self.minimum_chip_m / jnp.maximum(chip.thickness_m, _THINNEST_M)
+        # the quotient has no derivative where nothing is ploughed
+        thick = jnp.where(within > 0.0, within, 1.0)
+        gradual = jnp.where(within > 0.0, -within * jnp.expm1(-1.0 / thick), 0.0)
+        ploughed = jnp.where(jnp.asarray(self.gradual) > 0.5, gradual, jnp.minimum(1.0, within))
         return force._replace(chip=force.chip * (1.0 + (jnp.asarray(self.ratio) - 1.0) * ploughed[..., None]))
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 4
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> Ploughing:
+        """Coordinates: h_min in units of its usual value, the logarithms of the ratios over theirs."""
+        thinnest, ratio = cls.parameters["minimum_chip_m"], cls.parameters["ratio"]
+        return cls(thinnest.typical * coordinates[0], ratio.typical * jnp.exp(coordinates[1:4]))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:

@@ -6,10 +6,11 @@ from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.axis_apart import axis_apart
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest
+from mjx_cutting.tracing.naming.gradual import gradually
 from mjx_cutting.tracing.naming.place import Place
 from mjx_cutting.tracing.naming.wear_stages import in_stages
 
-_WAYS = (in_stages, axis_apart)
+_WAYS = (in_stages, axis_apart, gradually)
 
 
 def finer(

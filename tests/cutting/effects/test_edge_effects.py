@@ -72,6 +72,17 @@ def test_ploughing_acts_at_low_feed_and_levels_off():
     assert surplus(1e-4) == pytest.approx(surplus(1e-5), rel=1e-9)
 
 
+def test_a_gradual_borderline_begins_and_ends_as_a_sharp_one():
+    """As stiff where next to nothing is cut, the same edge force at high feed; in between 1 - 1/e of it."""
+    h_min, ratio = 4e-6, 3.0
+    gradual = effect_class("ploughing")(h_min, ratio, 1.0)
+    peak = {"angle_rad": np.pi / 2}
+    most = (ratio - 1) * 950e6 * WIDTH * h_min
+    for chip, share in ((4e-9, 1e-3), (h_min, 1.0 - np.exp(-1.0)), (1e-4, 1.0)):
+        with_, without = (force_of(m, slot(chip, 1, **peak))[1] for m in (model(1, gradual), model(1)))
+        assert float(with_ - without) == pytest.approx(most * share, rel=1e-3)
+
+
 def test_ploughing_may_be_stiffer_in_one_direction_than_in_another():
     ratio = np.array([2.0, 6.0, 1.0])
     ploughing = effect_class("ploughing")(4e-6, ratio)
