@@ -85,8 +85,13 @@ def sense(
     made = force
     if "sensor_resonance" in effects:
         p = effects["sensor_resonance"]
-        axial = p.get("axial_frequency_ratio", 1.0), p.get("axial_damping_ratio", 1.0)
-        each = [_rung(made[:, axis], rate, p, *ratios) for axis, ratios in enumerate(((1, 1), (1, 1), axial))]
+        lateral, axial = (
+            (p.get(f"{along}_frequency_ratio", 1.0), p.get(f"{along}_damping_ratio", 1.0))
+            for along in ("lateral", "axial")
+        )
+        each = [
+            _rung(made[:, axis], rate, p, *ratios) for axis, ratios in enumerate(((1, 1), lateral, axial))
+        ]
         made = np.stack(each, axis=1)
     if "sensor_lowpass" in effects:
         p = effects["sensor_lowpass"]

@@ -1,9 +1,9 @@
 """Resonance of the transducer: lines near its natural frequency are inflated, at a fixed frequency in Hz.
 
-H(f) = 1 / (1 - r^2 + 2 j zeta r), r = f / f_n, the same on x and y. Along the tool's axis a transducer is
-often stiffer or softer: there frequency and damping are multiples of those. Signature: every line near f_n
-grows whatever the spindle speed or the pose. Confused with a mode of the robot, which moves with the pose: a
-tap test decides.
+H(f) = 1 / (1 - r^2 + 2 j zeta r), r = f / f_n, of x. Along the tool's axis a transducer is often stiffer or
+softer, and across the feed as well: there frequency and damping are multiples of those. Signature: every line
+near f_n grows whatever the spindle speed or the pose. Confused with a mode of the robot, which moves with the
+pose: a tap test decides.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ class SensorResonance(AbstractEffect):
     """A lightly damped second-order transducer.
 
     Fields: `frequency_hz` [] natural frequency f_n, Hz; `damping` [] damping ratio zeta, above 0 and below 1;
-    `axial_frequency_ratio`, `axial_damping_ratio` [] times these, they are those of z; 1 where all axes are
-    alike. A fit begins with all alike.
+    `axial_frequency_ratio`, `axial_damping_ratio` [] times these, they are those of z, and times
+    `lateral_frequency_ratio`, `lateral_damping_ratio` [] those of y; 1 where all axes are alike. A fit begins
+    with all alike.
     """
 
     name = "sensor_resonance"
@@ -48,6 +49,8 @@ class SensorResonance(AbstractEffect):
         "damping": Parameter("1", 0.005, 0.5, None, 0.05, log=True, source="0.5-50 %, working knowledge"),
         "axial_frequency_ratio": Parameter("1", 0.25, 4.0, 1.0, log=True, source="working knowledge"),
         "axial_damping_ratio": Parameter("1", 0.1, 10.0, 1.0, log=True, source="working knowledge"),
+        "lateral_frequency_ratio": Parameter("1", 0.25, 4.0, 1.0, log=True, source="working knowledge"),
+        "lateral_damping_ratio": Parameter("1", 0.1, 10.0, 1.0, log=True, source="working knowledge"),
     }
     sharp = ("frequency_hz",)
     signature = "lines near one fixed frequency inflated, whatever the spindle speed or pose"
@@ -57,6 +60,8 @@ class SensorResonance(AbstractEffect):
     damping: ArrayLike
     axial_frequency_ratio: ArrayLike = 1.0
     axial_damping_ratio: ArrayLike = 1.0
+    lateral_frequency_ratio: ArrayLike = 1.0
+    lateral_damping_ratio: ArrayLike = 1.0
 
     def init(self, model: ForceModel) -> Any:
         return jnp.zeros((2, 3))
@@ -72,9 +77,9 @@ class SensorResonance(AbstractEffect):
 
     def _by_axis(self) -> tuple[Array, Array]:
         """[3] natural frequency, Hz, and [3] damping ratio of each axis."""
-        frequency = jnp.asarray(self.frequency_hz) * jnp.stack([1.0, 1.0, self.axial_frequency_ratio])
-        damping = jnp.asarray(self.damping) * jnp.stack([1.0, 1.0, self.axial_damping_ratio])
-        return frequency, damping
+        frequency = jnp.stack([1.0, self.lateral_frequency_ratio, self.axial_frequency_ratio])
+        damping = jnp.stack([1.0, self.lateral_damping_ratio, self.axial_damping_ratio])
+        return jnp.asarray(self.frequency_hz) * frequency, jnp.asarray(self.damping) * damping
 
     @classmethod
     def size(cls, tool: Tool) -> int:

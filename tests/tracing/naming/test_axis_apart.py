@@ -1,4 +1,4 @@
-"""A transducer that is stiffer along the tool's axis than across it is a resonance, told by axis."""
+"""A transducer that is not the same on every axis is a resonance, told by axis."""
 
 from __future__ import annotations
 
@@ -32,3 +32,22 @@ def test_frequency_and_damping_along_the_axis_are_found(hiding, frequency_ratio:
     if frequency_ratio == 1.0:
         # unknowns that explain nothing are not taken in
         assert values["axial_frequency_ratio"] == 1.0
+
+
+def test_a_transducer_that_is_another_on_every_axis_is_told_by_axis(hiding):
+    hidden = {
+        "frequency_hz": 460.0,
+        "damping": 0.05,
+        "axial_frequency_ratio": 1.5,
+        "axial_damping_ratio": 0.8,
+        "lateral_frequency_ratio": 0.92,
+        "lateral_damping_ratio": 1.2,
+    }
+    found = trace(hiding({"sensor_resonance": hidden}), effects=("robot_mode", "sensor_resonance"))
+    (named,) = found.verdict["effects"]
+    assert (found.verdict["verdict"], named["name"]) == ("explained", "sensor_resonance")
+    values = {name: each["value"] for name, each in named["parameters"].items()}
+    for name in ("frequency_hz", "axial_frequency_ratio", "lateral_frequency_ratio"):
+        assert values[name] == pytest.approx(hidden[name], rel=0.02)
+    for name in ("damping", "axial_damping_ratio", "lateral_damping_ratio"):
+        assert values[name] == pytest.approx(hidden[name], rel=0.3)
