@@ -45,21 +45,21 @@ def momentary(predictions: Sequence[Prediction], band: float) -> Momentary | Non
     without, by_level, free = [], 0.0, 0
     for each, rest in zip(predictions, left, strict=True):
         edges = _turns(each)
+        length = np.diff(edges, append=len(rest))
         force = each.predicted_n - each.bias_n
         product, square = (
             np.add.reduceat(np.sum(a * b, axis=1), edges) for a, b in ((rest, force), (force, force))
         )
-        factor = np.repeat(product / np.maximum(square, 1e-300), np.diff(edges, append=len(rest)))
+        factor = np.repeat(product / np.maximum(square, 1e-300), length)
         factor -= factor.mean()
         without.append(replace(each, predicted_n=each.predicted_n + factor[:, None] * force))
-        length = np.diff(edges, append=len(rest))
         by_level += sum(float(np.sum(block_means(axis, edges) ** 2 * length)) for axis in rest.T)
         free += len(edges)
     after = energy([each.residual_n - each.residual_n.mean(axis=0) for each in without])
     samples = 3.0 * band * sum(len(each) for each in left)
     noise = after / max(samples - free, 1.0)
-    taken = whole - after - free * noise
-    if taken < _MUCH * whole or taken < by_level - 3 * free * noise:
+    taken, by_level = whole - after - free * noise, by_level - 3.0 * free * noise
+    if taken < max(_MUCH * whole, by_level):
         return None
     return Momentary(free, taken / max(whole, 1e-300), tuple(without))
 
