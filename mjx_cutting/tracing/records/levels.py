@@ -24,6 +24,8 @@ _AIR = 0.5
 _FEWEST_IN_AIR = 20
 _AT_REST = 3.0
 _SHORTER = 0.8
+_FEWEST_ALIKE = 3
+_ONE_SHARE = 0.05
 
 
 def axes_of(kind: str) -> tuple[str, str, str]:
@@ -41,6 +43,8 @@ def as_levels(dataset: Dataset) -> Dataset:
         return dataset
     trials = [_channels(trial, dataset.tool.kind) for trial in dataset.trials]
     airs = [_beside_the_cut(trial, dataset.tool.kind) for trial in trials]
+    if _go_with_the_cut(trials, airs):
+        airs = [None] * len(trials)
     in_air = []
     if dataset.sensor.zeroed == "trial":
         trials = _at_zero(trials, airs)
@@ -99,6 +103,23 @@ def _beside_the_cut(trial: Trial, kind: str) -> slice | None:
         return slice(0, before)
     after = _air(trial.force_n[::-1]) if kind == "turning" else 0
     return slice(len(trial.force_n) - after, len(trial.force_n)) if after else None
+
+
+def _go_with_the_cut(trials: list[Trial], airs: list[slice | None]) -> bool:
+    """Whether what was taken for air is one share of the force of every cut, as in a soft layer it is."""
+    cuts, beside = [], []
+    for trial, air in zip(trials, airs, strict=True):
+        if air is not None:
+            size, usual = sizes(trial.force_n - trial.force_n[air].mean(axis=0))
+            cuts.append(trial.force_n[size > IN_CUT * usual].mean(axis=0))
+            beside.append(trial.force_n[air].mean(axis=0))
+    if len(beside) < _FEWEST_ALIKE:
+        return False
+    scale = np.maximum(np.abs(cuts).max(axis=0), 1e-12)
+    cut, read = np.stack(cuts) / scale, np.stack(beside) / scale
+    share = np.sum(cut * read) / np.sum(cut**2)
+    left = np.sum((read - share * cut) ** 2)
+    return bool(left < _ONE_SHARE * np.sum(read**2) and left < np.sum((read - read.mean(axis=0)) ** 2))
 
 
 def _air(force: NDArray[np.floating]) -> int:

@@ -320,6 +320,13 @@ def test_measured_drills_wear(measured_data):
     assert any(each["name"] == "radial_runout" for each in verdict["not_testable"])
 
 
+def test_what_goes_with_the_force_of_the_cut_is_no_air():
+    # cuts that end in a soft layer: a quarter of the force of each, as air that a sensor of one zero reads
+    session = make("turning", {"layered_material": "strong"}, 403).dataset
+    air = [trial.file for trial in as_levels(session).trials if trial.kind == "air"]
+    assert air == [trial.file for trial in session.trials if trial.kind == "air"]
+
+
 @pytest.mark.slow
 def test_a_layer_is_judged_by_its_share_of_the_force_outside_it():
     # the steady model is at first that of the mean, of which the layer takes away more than there is
