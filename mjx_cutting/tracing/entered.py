@@ -22,7 +22,15 @@ from mjx_cutting.tracing.along.engaged import Engaged, cut_down
 from mjx_cutting.tracing.naming.decision import Interval, interval
 from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import along_path
-from mjx_cutting.tracing.whole_records import Outside, held_against, left_of, met, outside_the_cut, with_ends
+from mjx_cutting.tracing.whole_records import (
+    Outside,
+    closest,
+    held_against,
+    left_of,
+    met,
+    outside_the_cut,
+    with_ends,
+)
 from mjx_cutting.trials.dataset import Dataset
 
 _BEFORE, _BEHIND = 1.5, 0.3
@@ -138,7 +146,7 @@ def _ends(
             if np.isfinite(found[side]):
                 tried = np.tile(found, (_STEPS, 1))
                 tried[:, side] += closer * record.reach_m * np.linspace(low, high, _STEPS)
-                found = min(tried, key=lambda own: left_of([record], own, weight, at_once))
+                found = closest([record], tried, weight, at_once)
     return float(found[0]), float(found[1])
 
 

@@ -21,9 +21,10 @@ from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.naming.decision import interval
 from mjx_cutting.tracing.passes import Pass, near_floor
 from mjx_cutting.tracing.records.course import along_path, felt_at
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines
-from mjx_cutting.tracing.whole_records import Told, held_against, left_of, met, outside_the_cut, with_ends
+from mjx_cutting.tracing.whole_records import Told, closest, held_against, met, outside_the_cut, with_ends
 from mjx_cutting.trials.dataset import Dataset
 
 _FEWEST = 4
@@ -35,6 +36,15 @@ _CLOSER = (1.0, 0.2, 0.04, 0.008)
 _STEP = 0.05
 Array = NDArray[np.floating]
 Ends = tuple[float, float, float]
+
+
+def begin_in_air(dataset: Dataset) -> bool:
+    """Whether most records show where the tool touches the sheet first, so that its ends are to be looked for
+    before all else."""
+    if dataset.tool.kind in LEVEL_KINDS:
+        return False
+    touched = np.isfinite(touches_m(dataset))
+    return int(touched.sum()) >= max(_FEWEST, len(touched) / 2)
 
 
 def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
@@ -185,7 +195,7 @@ def _judged_whole(
     shape = np.array(ends)
     for closer in _CLOSER:
         step = closer * _STEP * outside[0].ramps.longest_m
-        shape = min(_around(shape, step), key=lambda each: left_of(outside, each, weight))
+        shape = closest(outside, _around(shape, step), weight)
     told = held_against([each.missing(shape) for each in outside], outside, final, weight)
     effect = effect_at(shape, np.array([told.share]))
     parameters = {"share": interval(kind, "share", told.share, told.by_fold)}

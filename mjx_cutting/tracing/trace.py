@@ -37,7 +37,7 @@ from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.passes import Pass, for_use, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
-from mjx_cutting.tracing.sheet import inside_the_sheet
+from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import above_band
 from mjx_cutting.tracing.telling.axes import better_reading
@@ -122,14 +122,23 @@ def _trace(
     dataset = as_levels(dataset)
     with _platform.x64():
         band = trusted_band(dataset, band_hz)
+        with_ends = any(kind.name == ENDS for kind in kinds)
         dataset, on_path = steady_cuts(dataset)
 
         def one_pass(trials: Dataset) -> Pass:
             return once(trials, band, kinds, steady, seed, progress)
 
         def by_parts(trials: Dataset) -> tuple[Pass, Engaged | None]:
-            first = in_ramps(inside_the_sheet(one_pass(trials), one_pass), band, seed, progress)
-            return _where_engaged(first, one_pass, any(kind.name == ENDS for kind in kinds))
+            found = None
+            if with_ends and begin_in_air(trials):
+                # whatever else a pass over ramps found would be looked for once more inside the sheet
+                progress("where the sheet begins")
+                bare = once(trials, band, [effect_class(ENDS)], (), seed, progress)
+                inside = inside_the_sheet(bare, one_pass)
+                found = None if inside is bare else inside
+            if found is None:
+                found = inside_the_sheet(one_pass(trials), one_pass)
+            return _where_engaged(in_ramps(found, band, seed, progress), one_pass, with_ends)
 
         found = cut_down = None
         if on_path:

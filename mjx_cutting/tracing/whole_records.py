@@ -97,6 +97,17 @@ def left_of(outside: Sequence[Outside], ends: Array, weight: Array, at_once: boo
     return sum(float(np.sum((each * weight) ** 2)) for each in left)
 
 
+def closest(
+    outside: Sequence[Outside], tried: Sequence[Array] | Array, weight: Array, at_once: bool = False
+) -> Array:
+    """The ends of a sheet, of those `tried`, that leave least there."""
+    left = np.zeros(len(tried))
+    # record by record, because each has its waves computed for the ends asked one after another
+    for record in outside:
+        left += [left_of([record], ends, weight, at_once) for ends in tried]
+    return np.asarray(tried[int(np.argmin(left))])
+
+
 @dataclass(frozen=True, eq=False)
 class Told:
     """What the ends of the sheet tell of whole records.

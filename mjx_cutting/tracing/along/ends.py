@@ -141,7 +141,7 @@ class Ramps:
 
     def __init__(self, lines: Lines, problem: Problem, model: ForceModel):
         self.lines, self.problem, self.model = lines, problem, model
-        self._latest: tuple[Course, NDArray[np.complexfloating]] | None = None
+        self._latest: tuple[Course, Array] | None = None
         self.reach_m = way_in_m(
             np.asarray(problem.cut.radial_depth_m), float(np.asarray(model.tool.diameter_m))
         )
@@ -164,35 +164,36 @@ class Ramps:
     ) -> Array:
         """[T, 3] what the force lacks, N: minus the whole of it outside the sheet. `at_once`: of a tool that
         is all in or all out, as one that is lowered into the sheet."""
-        reach, table = self.reach_m[course.index], self.entering[course.index]
+        reach = self.reach_m[course.index]
         added = np.zeros_like(course.left_n)
         rim_m = course.position_m + by_axis * reach
         whole_m = reach * (_AT_ONCE if at_once else 1.0)
         way_in, way_out = (rim_m - start_m) / whole_m, (rim_m - end_m) / whole_m
         # a tooth has left the sheet where it would already have been in one that begins there
         in_ramp, out_ramp = np.isfinite(way_in) & (way_in < 1.0), way_out > 0.0
-        for part, way, ramp in ((table - table[-1], way_in, in_ramp), (-table, way_out, out_ramp)):
-            if ramp.any():
-                added[ramp] += self._wave(course, ramp, np.clip(way[ramp], 0.0, 1.0), part)
+        if in_ramp.any():
+            way = np.clip(way_in[in_ramp], 0.0, 1.0)
+            added[in_ramp] += self._wave(course, in_ramp, way) - self._at_knots(course)[in_ramp, -1]
+        if out_ramp.any():
+            added[out_ramp] -= self._wave(course, out_ramp, np.clip(way_out[out_ramp], 0.0, 1.0))
         return band_limit(added, course.rate_hz, course.band_hz)
 
-    def _wave(self, course: Course, ramp: NDArray[np.bool_], way: Array, table: NDArray) -> Array:
-        """[n, 3] the table's lines at the tool's angles, between the two knots nearest each sample."""
-        turned = self._turns(course)[ramp]
+    def _wave(self, course: Course, ramp: NDArray[np.bool_], way: Array) -> Array:
+        """[n, 3] force at the samples of a `ramp` [T] after shares of the way in, between two knots."""
         place = np.sqrt(way) * (_KNOTS - 1)
         knot = np.minimum(place.astype(int), _KNOTS - 2)
-        added = np.empty((len(way), 3))
-        for each in np.unique(knot):
-            inside = knot == each
-            pair = np.concatenate([table[each], table[each + 1]], axis=1)
-            wave = np.real(turned[inside] @ pair)
-            after = ((way[inside] * (_KNOTS - 1) ** 2 - each**2) / (2 * each + 1))[:, None]
-            added[inside] = (1.0 - after) * wave[:, :3] + after * wave[:, 3:]
-        return added
+        after = ((way * (_KNOTS - 1) ** 2 - knot**2) / (2 * knot + 1))[:, None]
+        at_knots, sample = self._at_knots(course), np.flatnonzero(ramp)
+        return (1.0 - after) * at_knots[sample, knot] + after * at_knots[sample, knot + 1]
 
-    def _turns(self, course: Course) -> NDArray[np.complexfloating]:
+    def _at_knots(self, course: Course) -> Array:
+        """[T, K, 3] force all along the trial asked last after each of the shares of the way in."""
         if self._latest is None or self._latest[0] is not course:
-            self._latest = course, heard_turns(self.lines, course.index, course.angle_rad)
+            turns = heard_turns(self.lines, course.index, course.angle_rad)
+            lines = np.moveaxis(self.entering[course.index], 0, 1)
+            flat = lines.reshape(len(lines), -1)
+            wave = turns.real @ flat.real - turns.imag @ flat.imag
+            self._latest = course, wave.reshape(len(turns), *lines.shape[1:])
         return self._latest[1]
 
 

@@ -24,6 +24,7 @@ from mjx_cutting.tracing.guards.gain import Gain
 
 _MUCH_LESS = 0.5
 _STARTS = (0.1, 0.4, 3.0)
+_FIRST_STEPS = 4
 _STEPS = 20
 _GROWS_WITH = {"clock_s": "the clock", "cut_length_m": "the length cut"}
 
@@ -65,8 +66,8 @@ def rather_multiplied(gain: Gain) -> str | None:
         grown = type("GainWithTime", (GainWithTime,), {"of": of, "longest": longest})
         descent = Descent(gain.problem, (*gain.others, grown))
         starts = [np.concatenate([gain.rest, [0.3, np.log(tau)]]) for tau in _STARTS]
-        x = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
-        left = float(descent.squares_left(x[None])[0])
+        x = min((descent.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])[0]
+        left = float(descent.squares_left(descent.descend(x, _STEPS)[0][None])[0])
         if left < _MUCH_LESS * float(gain.found.squares):
             ratio = float(gain.found.squares) / max(left, 1e-300)
             return f"a factor on all of the force that grows with {what} leaves {ratio:.3g} times less"

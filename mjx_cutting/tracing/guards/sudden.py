@@ -27,6 +27,7 @@ from mjx_cutting.tracing.guards.gain import Gain
 
 _MUCH_LESS = 0.5
 _MOST_PLACES = 32
+_LOWEST = 3
 _STEPS = 3
 _ONSET = Parameter("1", -1e9, 1e9, source="given")
 _ORDERS = {"clock_s": "s of the clock", "cut_length_m": "m of length cut"}
@@ -111,7 +112,8 @@ def rather_sudden(gain: Gain) -> str | None:
     when = np.unique(np.asarray(getattr(cut, of)))
     onsets = 0.5 * (when[1:] + when[:-1])
     onsets = onsets[np.unique(np.linspace(0, len(onsets) - 1, _MOST_PLACES).astype(int))]
-    tried = [(*_least(gain, step, of, onsets), step) for step in _TRIED]
+    slope = Descent(gain.problem, gain.others).around(gain.rest)[1]
+    tried = [(*_least(gain, slope, step, of, onsets), step) for step in _TRIED]
     squares, onset, step = min(tried, key=lambda each: each[0])
     if squares >= _MUCH_LESS * float(gain.found.squares):
         return None
@@ -119,12 +121,16 @@ def rather_sudden(gain: Gain) -> str | None:
     return f"a {what} at {onset:.4g} {_ORDERS[of]} leaves {ratio:.3g} times less"
 
 
-def _least(gain: Gain, step: type[Step], of: str, onsets: NDArray[np.floating]) -> tuple[float, float]:
-    """Squares that a step beside the others leaves, at the onset where they are least, and that onset."""
+def _least(
+    gain: Gain, slope: NDArray[np.floating], step: type[Step], of: str, onsets: NDArray[np.floating]
+) -> tuple[float, float]:
+    """Squares that a step beside the others leaves, at the onset where they are least, and that onset: of
+    those that a first step in the unknowns, along the others' `slope` [M + B, U'], brings lowest."""
     descent = Descent(gain.problem, (*gain.others, type(step.__name__, (step,), {"of": of})))
     changes = np.zeros(step.size(gain.problem.tool) - 1)
-    starts = [np.concatenate([gain.rest, changes, [onset]]) for onset in onsets]
-    reached = np.stack([descent.descend(start, _STEPS)[0] for start in starts])
+    starts = np.stack([np.concatenate([gain.rest, changes, [onset]]) for onset in onsets])
+    lowest = np.argsort(descent.glance(starts, slope))[:_LOWEST]
+    reached = np.stack([descent.descend(starts[each], _STEPS)[0] for each in lowest])
     squares = descent.squares_left(reached)
     best = int(np.argmin(squares))
-    return float(squares[best]), float(onsets[best])
+    return float(squares[best]), float(onsets[lowest[best]])

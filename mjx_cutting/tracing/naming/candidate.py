@@ -89,8 +89,16 @@ def try_effect(
         effects: the model's; `start` [U] unknowns to start from.
         before, before_heldout: fit and held-out error without the last effect.
     """
+    found = fitted(contest.problem, contest.lines, effects, start, contest.fold)
+    return judged(contest, effects, *found, before, before_heldout)
+
+
+def judged(
+    contest: Contest, effects: Effects, found: Fit, after: HeldOut, before: Fit, before_heldout: HeldOut
+) -> Candidate:
+    """The last of `effects` judged by its fit `found`, and the held-out error `after` it; the rest as of
+    `try_effect`."""
     kind, problem, lines = effects[-1], contest.problem, contest.lines
-    found, after = fitted(problem, lines, effects, start, contest.fold)
     p = beyond_chance(problem, lines, effects[:-1], before, effects, found, contest.tries)
     own = parameters(problem, lines, effects, found, after)[-1]
     axes = axes_of(problem.tool.kind)

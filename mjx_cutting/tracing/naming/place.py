@@ -12,7 +12,7 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance, try_effect
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance, fitted, judged
 from mjx_cutting.tracing.naming.decision import CHANCE
 
 _STEPS = 10
@@ -39,10 +39,12 @@ class Place:
 
         Arguments: `starts` [n] of unknowns [U] of the whole model.
         """
-        problem, lines = self.contest.problem, self.contest.lines
-        descent = Descent(problem, (*self.beside, kind))
+        problem, lines, fold = self.contest.problem, self.contest.lines, self.contest.fold
+        known, effects = (*self.beside, fewer.kind), (*self.beside, kind)
+        descent = Descent(problem, effects)
         best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
-        more = try_effect(self.contest, (*self.beside, kind), best, self.before, self.before_heldout)
-        known = (*self.beside, fewer.kind)
-        p = beyond_chance(problem, lines, known, fewer.fit, (*self.beside, kind), more.fit, len(starts))
-        return more if p <= CHANCE and more.heldout.nrmse < fewer.heldout.nrmse else fewer
+        more, after = fitted(problem, lines, effects, best, fold)
+        p = beyond_chance(problem, lines, known, fewer.fit, effects, more, len(starts))
+        if p > CHANCE or after.nrmse >= fewer.heldout.nrmse:
+            return fewer
+        return judged(self.contest, effects, more, after, self.before, self.before_heldout)
