@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.along.ends import NAME, NO_END_M, NO_START_M, Ramps, effect_at, like_geometry, met_by
+from mjx_cutting.tracing.along.ends import NAME, Ramps, effect_at, like_geometry, met_by, places_of
 from mjx_cutting.tracing.along.engaged import cut_down, touches_m
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.naming.decision import interval
@@ -57,7 +57,7 @@ def inside_the_sheet(found: Pass, one_pass: Callable[[Dataset], Pass]) -> Pass:
     if first is None:
         return found
     reach = Ramps(found.lines, found.search.problem, found.model).reach_m
-    ends = _places(first)
+    ends = places_of(first.effect)
     ways = [ends] if len(met_by(reach)) == 1 else [ends, _met_otherwise(ends, float(np.median(reach)))]
     traced: list[Pass] = []
     for way in ways:
@@ -95,7 +95,7 @@ def _traced_inside(
     whole, told = _judged_whole(dataset, inside, first, ends, tried)
     if whole.accepted is None:
         return None
-    start, end, by_axis = _places(whole.accepted)
+    start, end, by_axis = places_of(whole.accepted.effect)
     sentence = "everything else was traced where the tool is fully in the sheet"
     if np.isfinite(start):
         sentence += f", which {met(start, by_axis)}; the way in takes up to {1e3 * reach.max():.1f} mm"
@@ -113,15 +113,6 @@ def _at_one_place(dataset: Dataset, start_m: float | Array, reach_m: Array) -> b
     away = (touches_m(dataset) - start_m) / reach_m
     seen = away[np.isfinite(away)]
     return not seen.size or bool(np.median(np.abs(seen - np.median(seen))) < _AT_ONE_PLACE)
-
-
-def _places(found: SlowCandidate) -> Ends:
-    """Start and end of the sheet, m, infinite where it goes beyond the records; if the axis meets them."""
-    start, length, by_axis = (
-        float(found.effect.values()[name]) for name in ("start_m", "length_m", "by_axis")
-    )
-    end = start + length if length < NO_END_M else np.inf
-    return start if start > NO_START_M else -np.inf, end, by_axis
 
 
 def _ends_of_sheet(rounds: Sequence[SlowRound]) -> SlowCandidate | None:

@@ -26,6 +26,7 @@ from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import SelfExcited, find_vibration
 from mjx_cutting.tracing.along.turning_chatter import find_chatter
 from mjx_cutting.tracing.by_place import in_ramps
+from mjx_cutting.tracing.droop_on_ramps import with_droop_on_ramps
 from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.fitting.tooth_path import on_true_path
@@ -153,7 +154,7 @@ def _trace(
             progress("lines off the spindle's multiples")
             found = _with_vibration(found)
         if any(kind.name == DROOP for kind in kinds):
-            found = _with_droop(found)
+            found = with_droop_on_ramps(dataset, _with_droop(found))
         if any(kind.name == OFFSET for kind in kinds) and found.search.problem.motion is None:
             found = _with_offset(found)
         reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)

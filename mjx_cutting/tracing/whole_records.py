@@ -48,6 +48,17 @@ class Outside:
         """Way from the first touch until the tool is fully engaged, m."""
         return float(self.ramps.reach_m[self.course.index])
 
+    def turned(self, further_rad: Array) -> Outside:
+        """The record with its tool further by [T] rad than it was taken to be."""
+        was, ramps = self.course, self.ramps
+        full = ramps.whole(was.index)
+        angle = was.angle_rad + further_rad
+        steady, slipped = (
+            wave(ramps.lines, was.index, each, full, was.rate_hz) for each in (was.angle_rad, angle)
+        )
+        left = was.left_n + (steady - slipped) * self.where[:, None]
+        return replace(self, course=replace(was, angle_rad=angle, left_n=left))
+
     def missing(self, ends: Array, at_once: bool = False) -> Array:
         """[T, 3] what the force lacks there for a sheet with these ends, N; `at_once`: see `Ramps`."""
         start, end, by_axis = (float(each) for each in ends)
@@ -69,12 +80,15 @@ def outside_the_cut(dataset: Dataset, inside: Pass) -> list[Outside]:
     for index, (trial, cut, told) in enumerate(pairs):
         turned = spindle_angle(trial, told.speed_rev_s)
         first = int(np.searchsorted(trial.time_s, cut.time_s[0]))
+        traced = slice(first, first + len(cut.time_s))
         angle = turned + told.angle_rad[0] - turned[first]
         steady = wave(lines, index, angle, ramps[fold[index]].whole(index), rate)
         measured = band_limit(trial.force_n, rate, lines.band_hz)
-        left = measured - told.bias_n - steady
+        # the part traced may have been brought to a zero of its own
+        zero = (trial.force_n[traced] - cut.force_n).mean(axis=0)
+        left = measured - zero - told.bias_n - steady
         where = np.ones(len(left), bool)
-        where[first : first + len(cut.time_s)] = False
+        where[traced] = False
         course = Course(
             time_s=trial.time_s - trial.time_s[0],
             position_m=felt_at(trial, filter_delay_s(dataset.sensor)),

@@ -52,8 +52,14 @@ class SpindleDroop(AbstractEffect):
         """[...] speed under load, rev/s; a motor past its pull-out torque stays at half of what is left."""
         load = mean_load(model, cut)
         free = jnp.asarray(cut.spindle_speed_rev_s)
-        left = jnp.maximum(free - self.droop_rev_s_nm * load.edge_torque, 0.05 * free)
-        inner = left**2 - 4.0 * self.droop_rev_s_nm * load.chip_torque * free
+        return self.speed_under(free, load.edge_torque, load.chip_torque * free)
+
+    def speed_under(self, free: ArrayLike, edge_torque: ArrayLike, chip_power: ArrayLike) -> Array:
+        """[...] speed, rev/s, of a motor that turns at `free` without load, under the torque of the edge,
+        N m, and that of the chip times the speed, N m rev/s, which does not depend on it."""
+        at_rest = jnp.asarray(free)
+        left = jnp.maximum(at_rest - self.droop_rev_s_nm * jnp.asarray(edge_torque), 0.05 * at_rest)
+        inner = left**2 - 4.0 * self.droop_rev_s_nm * jnp.asarray(chip_power)
         return 0.5 * (left + jnp.sqrt(jnp.maximum(inner, 1e-6 * left**2 + 1e-12)))
 
     def spindle(self, cut: Cut, model: ForceModel) -> Cut:

@@ -68,6 +68,13 @@ def effect_at(shape: Array, c: Array) -> AbstractEffect:
     return effect_class(NAME)(float(c[0]), start, length, by_axis=float(shape[2]))
 
 
+def places_of(effect: AbstractEffect) -> tuple[float, float, float]:
+    """Start and end of the sheet, m, infinite where it goes beyond the records; 1 if the axis meets them."""
+    start, length, by_axis = (float(effect.values()[name]) for name in ("start_m", "length_m", "by_axis"))
+    end = start + length if length < NO_END_M else np.inf
+    return start if start > NO_START_M else -np.inf, end, by_axis
+
+
 def like_geometry(effect: AbstractEffect) -> bool:
     """Whether about as much force is missing as where a tool enters or leaves a sheet."""
     low, high = _LIKE_GEOMETRY
@@ -136,6 +143,15 @@ def way_in_m(radial_depth_m: ArrayLike, diameter_m: float) -> NDArray[np.floatin
     return np.asarray(np.sqrt(depth * (2.0 * radius - depth)))
 
 
+def part_of_arc(cut: Cut, missing: ArrayLike) -> Cut:
+    """The cut with [...] part of the way into the sheet still to go, over the radius: a tooth at angle th is
+    in the sheet where sin th is at least that."""
+    inside = jnp.arcsin(jnp.clip(jnp.asarray(missing), 0.0, 1.0))
+    entry = jnp.maximum(jnp.asarray(cut.entry_rad), inside)
+    exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - inside), entry)
+    return cut.replace(entry_rad=entry, exit_rad=exit_)
+
+
 class Ramps:
     """Force missing at the ends of a sheet, in every trial."""
 
@@ -199,18 +215,12 @@ class Ramps:
 
 @eqx.filter_jit
 def _lines(problem: Problem, model: ForceModel, missing: jax.Array, reach_m: jax.Array) -> jax.Array:
-    """[R, K, orders + 1, 3] lines of every trial with shares [K] of the way [R] into the sheet still to go.
-
-    A tooth at angle th is in the sheet where sin th is at least what is missing of the way, over the radius.
-    """
+    """[R, K, orders + 1, 3] lines of every trial with shares [K] of the way in, [R], still to go."""
     straight = with_straight_teeth(problem, model)
     radius = 0.5 * jnp.asarray(problem.tool.diameter_m)
 
     def one(cut: Cut, gain: jax.Array, reach: jax.Array, missing: jax.Array) -> jax.Array:
-        inside = jnp.arcsin(jnp.clip(missing * reach / radius, 0.0, 1.0))
-        entry = jnp.maximum(jnp.asarray(cut.entry_rad), inside)
-        exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - inside), entry)
-        part = cut.replace(entry_rad=entry, exit_rad=exit_)
+        part = part_of_arc(cut, missing * reach / radius)
         lines = order_lines(straight, part, problem.orders, problem.angles, problem.arc_rad)
         return lines * gain[..., None]
 

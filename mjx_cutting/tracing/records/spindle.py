@@ -30,6 +30,8 @@ from mjx_cutting.trials.dataset import ToolInfo, Trial
 Array = NDArray[np.floating]
 SPREAD = 0.01
 SLOWEST = 0.35
+_LAW_OFF = 1.3
+_OF_A_TOOTH = 0.5
 _PAD = 8
 _TOOTH_HARMONICS = 4
 _REFINED = 12
@@ -64,13 +66,16 @@ def measured_speed(trial: Trial) -> float | None:
     return None if measured is None else float(np.mean(measured))
 
 
-def spindle_speed(trial: Trial, teeth: int, about_rev_s: float | None = None) -> float:
+def spindle_speed(
+    trial: Trial, teeth: int, about_rev_s: float | None = None, spread: float = SPREAD
+) -> float:
     """The trial's spindle speed, rev/s.
 
     Arguments:
         trial: the record; read are its forces, its times and its stated speed.
         teeth: N; lines up to four times tooth passing are used.
-        about_rev_s: middle of the range searched, default the stated speed.
+        about_rev_s: middle of the range searched, default the stated speed; `spread` half of that range, as
+            a share of it.
 
     Returns the middle of the range where the record is silent.
     """
@@ -81,7 +86,7 @@ def spindle_speed(trial: Trial, teeth: int, about_rev_s: float | None = None) ->
     if not signal.any():
         return middle
     orders = _orders(trial, teeth)
-    candidates, step = _candidates(middle, SPREAD, SPREAD, time, orders)
+    candidates, step = _candidates(middle, spread, spread, time, orders)
     power = _coarse_power(signal, time, orders, candidates, teeth) @ _weights(orders, teeth)
     best = float(candidates[int(np.argmax(power))])
     strength = _comb(signal, time, orders, best, teeth) * _standing_alone(time, orders, best)
@@ -105,11 +110,14 @@ def spindle_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
     chip, edge = _all_loads(trials, tool)
     columns = np.stack([chip / found, edge, stated, -stated], axis=1)
     weights, _ = nnls(columns, stated - found)
-    return _about(trials, tool.teeth, stated - columns @ weights)
+    # what the law says is off too; but many teeth leave no room before the comb of one tooth more
+    spread = max(SPREAD, min(_LAW_OFF * SPREAD, _OF_A_TOOTH / tool.teeth))
+    return _about(trials, tool.teeth, stated - columns @ weights, spread)
 
 
-def _about(trials: Sequence[Trial], teeth: int, middle_rev_s: Array) -> Array:
-    return np.array([spindle_speed(t, teeth, float(f)) for t, f in zip(trials, middle_rev_s, strict=True)])
+def _about(trials: Sequence[Trial], teeth: int, middle_rev_s: Array, spread: float = SPREAD) -> Array:
+    pairs = zip(trials, middle_rev_s, strict=True)
+    return np.array([spindle_speed(trial, teeth, float(f), spread) for trial, f in pairs])
 
 
 def loaded_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
