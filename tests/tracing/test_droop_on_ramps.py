@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.along.ends import effect_at, places_of
+from mjx_cutting.tracing.along.slip import Slip
+from mjx_cutting.tracing.along.slow_round import SlowCandidate
+from mjx_cutting.tracing.droop_on_ramps import _Judged
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.naming.decision import Decision, Interval
+from mjx_cutting.tracing.whole_records import Told
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
 
 TEETH, DIAMETER_M, WIDTH_M, EDGE_M = 20, 0.05, 1.6e-3, 12e-3
@@ -63,6 +71,25 @@ def _cut(index: int, speed_rev_s: float, feed_m_s: float, depth_m: float, genera
         force_n=seen,
         position_m=place,
     )
+
+
+@pytest.mark.parametrize("places", [(4e-3, np.inf, 1.0), (-np.inf, 0.05, 0.0), (4e-3, 0.05, 0.0)])
+def test_an_end_that_no_record_reaches_stays_away(places):
+    """Intervals of what the ramps show, of the other end the one it had."""
+    kind = effect_class("entry_exit")
+    had = {name: Interval(-9.0, -9.0, -9.0, "m") for name in ("share", "start_m", "length_m", "by_axis")}
+    left = HeldOut(np.ones((3, 3)), np.full((3, 3), 100.0), None, np.arange(3))
+    told = Told(left, left, 0.98, np.array([0.97, 0.98, 0.99]), 1000, np.ones(3, bool))
+    decision = Decision(True, True, 0.0, 1.0, 0.1, had, ())
+    known = SlowCandidate(kind, effect_at(np.array(places), np.ones(1)), left, decision, ())
+    moved = [np.array(places) + np.array([by, by**2, 0.0]) for by in (-1e-4, 0.0, 1e-4, 3e-4)]
+    by_fold = [Slip(each, 0.2, 0.1) for each in moved[1:]]
+    found = _Judged(by_fold[0], by_fold, told, ())._ends(known)
+    assert places_of(found.effect) == pytest.approx(places)
+    start, end = np.isfinite(places[:2]).tolist()
+    shown = {"share", *["start_m"] * start, *["length_m"] * end}
+    assert {name for name, each in found.decision.parameters.items() if each.value != -9.0} == shown
+    assert all(np.isfinite([each.low, each.high]).all() for each in found.decision.parameters.values())
 
 
 @pytest.mark.slow

@@ -27,9 +27,8 @@ from scipy import stats
 from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.cutting.average import mean_load
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
-from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import fit_base
-from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
+from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, on_other_lines
 from mjx_cutting.tracing.fitting.prediction import Prediction, loaded_about, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.decision import decide, interval
@@ -153,13 +152,7 @@ def _within_reach(dataset: Dataset, lines: Lines, found: Search, centres: Array,
     if np.all(np.abs(lines.speed_rev_s - centres) <= SPREAD * centres):
         return found.final
     near = _near(dataset, lines, centres, measured)
-    problem, old = pose(dataset, near), found.final
-    assert old.fits is not None
-    fits = Descent(problem, found.effects).fits(
-        np.asarray(old.fits.x), np.ones((len(old.fits.x), problem.trials))
-    )
-    error = np.asarray(fits.error_n2)[old.fold, np.arange(problem.trials)]
-    return HeldOut(error + near.rest_n2, near.energy_n2, old.fits, old.fold)
+    return on_other_lines(pose(dataset, near), near, found.effects, found.final)
 
 
 def _evidence(share: Array, torque: Array, law: Law) -> tuple[str, ...]:

@@ -25,7 +25,8 @@ from mjx_cutting.tracing.records.lines import Lines, band_limit, heard_turns
 
 NAME = "entry_exit"
 NO_START_M, NO_END_M = -1.0, 1e3
-_KNOTS = 33
+SHARES = np.linspace(0.0, 1.0, 33) ** 2
+"""[K] shares of the way in at which a cut that is not yet full is evaluated, most of them small."""
 _STARTS = 25
 _FIRST, _LAST = 0.3, 0.45
 _EDGE = 0.05
@@ -143,6 +144,21 @@ def way_in_m(radial_depth_m: ArrayLike, diameter_m: float) -> NDArray[np.floatin
     return np.asarray(np.sqrt(depth * (2.0 * radius - depth)))
 
 
+def ways(position_m: Array, reach_m: float, places: Sequence[float] | Array) -> tuple[Array, Array]:
+    """[T] way into the sheet, and way out of it, as shares of `reach_m`: below nil before that, above one
+    beyond. `places` as of `places_of`."""
+    start_m, end_m, by_axis = places
+    rim_m = position_m + by_axis * reach_m
+    return (rim_m - start_m) / reach_m, (rim_m - end_m) / reach_m
+
+
+def between_shares(way: Array) -> tuple[NDArray[np.int64], Array]:
+    """[n] the last of `SHARES` behind ways [n] from 0 to 1, and how far each is on towards the next."""
+    last = len(SHARES) - 1
+    knot = np.minimum((np.sqrt(way) * last).astype(int), last - 1)
+    return knot, (way * last**2 - knot**2) / (2 * knot + 1)
+
+
 def part_of_arc(cut: Cut, missing: ArrayLike) -> Cut:
     """The cut with [...] part of the way into the sheet still to go, over the radius: a tooth at angle th is
     in the sheet where sin th is at least that."""
@@ -165,10 +181,9 @@ class Ramps:
 
     @cached_property
     def entering(self) -> NDArray[np.complexfloating]:
-        """[R, K, orders + 1, 3] lines while the rim has gone in by shares of its way, most of them small."""
-        share = np.linspace(0.0, 1.0, _KNOTS) ** 2
+        """[R, K, orders + 1, 3] lines while the rim has gone in by `SHARES` of its way."""
         return np.asarray(
-            _lines(self.problem, self.model, jnp.asarray(1.0 - share), jnp.asarray(self.reach_m))
+            _lines(self.problem, self.model, jnp.asarray(1.0 - SHARES), jnp.asarray(self.reach_m))
         )
 
     def whole(self, trial: int) -> NDArray[np.complexfloating]:
@@ -180,13 +195,12 @@ class Ramps:
     ) -> Array:
         """[T, 3] what the force lacks, N: minus the whole of it outside the sheet. `at_once`: of a tool that
         is all in or all out, as one that is lowered into the sheet."""
-        reach = self.reach_m[course.index]
-        added = np.zeros_like(course.left_n)
-        rim_m = course.position_m + by_axis * reach
-        whole_m = reach * (_AT_ONCE if at_once else 1.0)
-        way_in, way_out = (rim_m - start_m) / whole_m, (rim_m - end_m) / whole_m
+        reach, added = self.reach_m[course.index], np.zeros_like(course.left_n)
+        way_in, way_out = ways(course.position_m, reach, (start_m, end_m, by_axis))
+        if at_once:
+            way_in, way_out = way_in / _AT_ONCE, way_out / _AT_ONCE
         # a tooth has left the sheet where it would already have been in one that begins there
-        in_ramp, out_ramp = np.isfinite(way_in) & (way_in < 1.0), way_out > 0.0
+        in_ramp, out_ramp = way_in < 1.0, way_out > 0.0
         if in_ramp.any():
             way = np.clip(way_in[in_ramp], 0.0, 1.0)
             added[in_ramp] += self._wave(course, in_ramp, way) - self._at_knots(course)[in_ramp, -1]
@@ -196,11 +210,10 @@ class Ramps:
 
     def _wave(self, course: Course, ramp: NDArray[np.bool_], way: Array) -> Array:
         """[n, 3] force at the samples of a `ramp` [T] after shares of the way in, between two knots."""
-        place = np.sqrt(way) * (_KNOTS - 1)
-        knot = np.minimum(place.astype(int), _KNOTS - 2)
-        after = ((way * (_KNOTS - 1) ** 2 - knot**2) / (2 * knot + 1))[:, None]
+        knot, after = between_shares(way)
         at_knots, sample = self._at_knots(course), np.flatnonzero(ramp)
-        return (1.0 - after) * at_knots[sample, knot] + after * at_knots[sample, knot + 1]
+        near, next_ = at_knots[sample, knot], at_knots[sample, knot + 1]
+        return near + after[:, None] * (next_ - near)
 
     def _at_knots(self, course: Course) -> Array:
         """[T, K, 3] force all along the trial asked last after each of the shares of the way in."""

@@ -96,6 +96,16 @@ def held_out(
     return HeldOut(_summed(error, owner), _summed(lines.energy_n2, owner), fits, fold)
 
 
+def on_other_lines(problem: Problem, lines: Lines, effects: Effects, known: HeldOut) -> HeldOut:
+    """The error of fits without each fold that are `known`, on other lines of the same trials, which are
+    whole: each trial's own phase and bias are fitted again, nothing else."""
+    assert known.fits is not None
+    x = np.asarray(known.fits.x)
+    fits = Descent(problem, effects).fits(x, np.ones((len(x), problem.trials)))
+    error = np.asarray(fits.error_n2)[known.fold, np.arange(problem.trials)]
+    return HeldOut(error + lines.rest_n2, lines.energy_n2, known.fits, known.fold)
+
+
 def _summed(by_piece: NDArray[np.floating], owner: NDArray[np.int64]) -> NDArray[np.floating]:
     total = np.zeros((int(owner.max()) + 1, by_piece.shape[1]))
     np.add.at(total, owner, by_piece)
