@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.tracing.along.ends import entry_exit
+from mjx_cutting.tracing.along.fed import as_fed
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
@@ -20,6 +21,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.search import Search, search
+from mjx_cutting.tracing.records.course import Course
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.noise import noise_floor
@@ -105,7 +107,8 @@ class Searches:
         before = predictions(dataset, lines, problem, base_model, shared_bias(problem, found.base_fit.x))
         bias = shared_bias(problem, found.final_fit.x)
         after = predictions(dataset, lines, problem, model, bias)
-        return Pass(dataset, lines, found, (), base_model, model, before, after)
+        alone = Pass(dataset, lines, found, (), base_model, model, before, after)
+        return alone if self.posed is not pose else _as_fed(alone)
 
     def along(self, found: Pass, before: HeldOut, apart: bool = False, in_range: bool = True) -> Pass:
         """The pass with what is found along the trials beside its steady model, which leaves `before`."""
@@ -113,15 +116,45 @@ class Searches:
         ways = KINDS
         if dataset.tool.kind not in LEVEL_KINDS:
             ways = (*KINDS, entry_exit(found.lines, problem, model))
-        fits = found.search.final.fits
-        assert fits is not None
-        trials = courses(dataset, found.lines, problem, model, found.after, fits.model)
-        trials = tuple(replace(each, apart=apart) for each in trials)
+        trials = tuple(replace(each, apart=apart) for each in _courses(found))
         weight, tolerance = np.asarray(problem.weight), problem.tolerance
         rounds = search_slow(trials, before, weight, self.names, ways, self.progress, tolerance, in_range)
         for each in rounds:
             found = found.with_round(each)
         return replace(found, slow=rounds)
+
+
+def _courses(found: Pass) -> tuple[Course, ...]:
+    """The trials beside the steady model found."""
+    fits, model = found.search.final.fits, found.search.final_fit.model
+    assert fits is not None
+    return courses(found.dataset, found.lines, found.search.problem, model, found.after, fits.model)
+
+
+def _as_fed(alone: Pass) -> Pass:
+    """The pass over steady effects, its models following the feed where that was measured (`along.fed`): the
+    base model too, whose chip it is."""
+    trials = [each for each in alone.dataset.trials if each.kind == "cut"]
+    if any(each.feed_speed_measured_m_s is None for each in trials):
+        return alone
+    added = as_fed(_courses(alone), np.asarray(alone.search.problem.weight))
+    if added is None:
+        return alone
+    found = alone.search
+    before, base = _more(alone.before, found.base, added, alone.lines)
+    after, final_ = _more(alone.after, found.final, added, alone.lines)
+    return replace(alone, search=replace(found, base=base, final=final_), before=before, after=after)
+
+
+def _more(
+    predicted: Sequence[Prediction], error: HeldOut, added: Sequence[Array], lines: Lines
+) -> tuple[tuple[Prediction, ...], HeldOut]:
+    """Predictions and held-out error with forces [T, 3] added to every trial, or piece of one."""
+    error_n2, found = np.array(error.error_n2), []
+    for each, wave, owner in zip(predicted, added, lines.owner, strict=True):
+        found.append(replace(each, predicted_n=each.predicted_n + wave))
+        error_n2[owner] += np.sum(found[-1].residual_n ** 2 - each.residual_n**2, axis=0)
+    return tuple(found), replace(error, error_n2=np.maximum(error_n2, 0.0))
 
 
 def near_floor(found: Pass) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,10 @@ from mjx_cutting.tracing.records.course import Course
 MOST_SLOW = 6
 _MOST_LAYERS = 3
 _MORE = 0.2
+_NEARLY = 0.98
+_BLENDED = 0.4
+_AT_ONE = 0.02
+_MUCH_LESS = 0.9
 Array = NDArray[np.floating]
 
 
@@ -118,21 +124,67 @@ def _least_of_layers(
 def _stack(
     kind: Kind, trials: Sequence[Course], before: HeldOut, test: Asked, beside: list[Array], least: float
 ) -> list[SlowCandidate]:
-    """Several of a kind that together explain `least`, as a sheet of several layers; empty where they do not:
-    steps come near to anything, if not quite."""
+    """Several of a kind that together explain `least`, as a sheet of several layers, or nearly that where
+    they are even between borders; empty where they do not: steps come near to anything, if not quite."""
     found: list[SlowCandidate] = []
     best: list[SlowCandidate] = []
     rest, error = trials, before
     while len(found) < _MOST_LAYERS:
-        others = [*beside, *(each.shape for each in found)]
-        one = try_one(kind, rest, error, replace(test, free=0.0), others)
-        if not one.decision.accepted:
+        one = _next_of(kind, rest, error, replace(test, free=0.0), beside, [each.shape for each in found])
+        if one is None:
             break
         found.append(one)
         rest, error = without(rest, one), one.heldout
         closer = fitted_together(kind, found, rest, test.weight)
         explained = fall_of_error(before, closer[-1].heldout, test.weight)
-        if explained >= least:
+        nearly = _NEARLY if not best and _has_steps(closer) else 1.0
+        if explained >= nearly * least:
             best = closer
             least = explained + _MORE * float(np.sum(closer[-1].heldout.error_n2 * test.weight**2))
+        if len(found) > 1:
+            # of one alone the border would be as wide as all that lies beside it
+            found, rest, error = closer, trials, closer[-1].heldout
+            for each in found:
+                rest = without(rest, each)
     return best
+
+
+def _has_steps(layers: Sequence[SlowCandidate]) -> bool:
+    """Whether layers [start, length, border] are even over most of the way between their borders: broad ones
+    are ramps, which come near to any wave."""
+    lengths = _between([each.shape for each in layers])[:, 1]
+    apart = lengths[lengths > _AT_ONE * lengths.max()]
+    return bool(layers[0].shape[2] < _BLENDED * apart.min())
+
+
+def _next_of(
+    kind: Kind,
+    rest: Sequence[Course],
+    error: HeldOut,
+    test: Asked,
+    beside: Sequence[Array],
+    shapes: Sequence[Array],
+) -> SlowCandidate | None:
+    """The best further layer beside those at `shapes` [d]; None where none is accepted. Of two that overlap,
+    a stretch between their borders may have a force of its own too: two layers have two levels for three."""
+    others = [*beside, *shapes]
+    free = try_one(kind, rest, error, test, others)
+    # which of the stretches is not asked: beside the others one may stand for another, fold by fold
+    stretches = _between(shapes) if len(shapes) > 1 else ()
+    ways = [replace(kind, grid=partial(_only, each), refine=None) for each in stretches]
+    levels = [try_one(way, rest, error, test, others) for way in ways]
+    accepted = [each for each in levels if each.decision.accepted]
+    level = min(accepted, key=lambda each: each.heldout.nrmse, default=None)
+    if level is not None and free.heldout.nrmse > _MUCH_LESS * level.heldout.nrmse:
+        return level
+    return free if free.decision.accepted else None
+
+
+def _only(shape: Array, courses: Sequence[Course]) -> Array:
+    return shape[None]
+
+
+def _between(shapes: Sequence[Array]) -> Array:
+    """[P, 3] the stretches between neighbouring borders of layers [start, length, border]."""
+    borders = np.sort([end for start, length, _ in shapes for end in (start, start + length)])
+    return np.array([(a, b - a, shapes[0][2]) for a, b in pairwise(borders)])

@@ -34,6 +34,11 @@ def _periods(courses: Sequence[Course]) -> Array:
     return np.array(_PERIODS_S)[:, None]
 
 
+def is_stair(course: Course) -> bool:
+    """Whether the measured feed itself is held over periods."""
+    return _own_starts(course) is not None
+
+
 def _own_starts(course: Course) -> Array | None:
     """[S] times at which a measured feed that is a stair was taken anew, the record's first included; None
     where it is no stair."""

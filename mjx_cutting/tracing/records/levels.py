@@ -50,15 +50,20 @@ def as_levels(dataset: Dataset) -> Dataset:
         trials = _at_zero(trials, airs)
     else:
         in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
-    trials = [
-        part_of(trial, along_path(trial), steady(trial.force_n)) if trial.kind == "cut" else trial
-        for trial in trials
-    ] + in_air
+    trials = [_level(trial) if trial.kind == "cut" else trial for trial in trials] + in_air
     if dataset.tool.kind == "drill":
         mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
         against = np.where(mean < 0.0, -1.0, 1.0)
         trials = [replace(trial, force_n=against * trial.force_n) for trial in trials]
     return replace(dataset, trials=tuple(trials))
+
+
+def _level(trial: Trial) -> Trial:
+    """The steady part of a trial, at what was fed over it on the mean where that was measured."""
+    level = part_of(trial, along_path(trial), steady(trial.force_n))
+    measured = level.feed_speed_measured_m_s
+    fed = 0.0 if measured is None else float(np.mean(measured))
+    return replace(level, feed_speed_m_s=fed) if fed > 0.0 else level
 
 
 def _channels(trial: Trial, kind: str) -> Trial:

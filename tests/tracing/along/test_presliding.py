@@ -74,7 +74,8 @@ def test_at_one_feed_it_is_not_looked_for():
 @pytest.mark.slow
 def test_a_session_with_hysteresis_is_explained():
     case = make("mill", {"hysteresis": "medium"}, 405)
-    verdict = trace(case.dataset).verdict
+    others = ("static_compliance", "entry_exit", "layered_material", "sensor_lowpass", "radial_runout")
+    verdict = trace(case.dataset, effects=("hysteresis", *others)).verdict
     assert [each["name"] for each in verdict["effects"]] == ["hysteresis"]
     found, truth = verdict["effects"][0]["parameters"], case.truth["effects"]["hysteresis"]
     assert found["presliding_m"]["value"] == pytest.approx(truth["presliding_m"], rel=0.02)

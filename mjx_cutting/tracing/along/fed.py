@@ -1,0 +1,88 @@
+"""A feed that was measured and changes along a record: each tooth cuts what was fed since the one before it.
+
+That is the base model's own chip and no effect, so the prediction follows it. Where it may have been held
+over periods in between, or what was measured is a stair itself, it is left to that effect (`stair`); a feed
+that changes little within any period shows none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjx_cutting.tracing.along.stair import STAIR, is_stair
+from mjx_cutting.tracing.records.course import Course
+
+_SURE = 2.0
+_UNLIKE = 5e-3
+Array = NDArray[np.floating]
+
+
+def as_fed(courses: Sequence[Course], weight: Array) -> tuple[Array, ...] | None:
+    """[T, 3] by trial what the force is more, N, as more was fed than the steady prediction has it.
+
+    None where no feed was measured in all `courses`, where the force does not go with it, and where it may go
+    with one held over periods. `weight` [3]: 1 / standard deviation of each axis.
+    """
+    if any(each.feed_share is None or is_stair(each) for each in courses):
+        return None
+    added = _own(courses, [followed(each) for each in courses])
+    if not _falls(courses, added, weight, 1.0).sum() > 0.0 or _held(courses, added, weight):
+        return None
+    return tuple(added)
+
+
+def followed(course: Course) -> Array:
+    """[T, 3] force of what was fed since the last tooth beyond the nominal feed, N."""
+    assert course.feed_share is not None
+    share, time_s = course.feed_share, course.time_s
+    step = np.diff(time_s, prepend=time_s[0])
+    fed = np.cumsum(0.5 * (share + np.concatenate([share[:1], share[:-1]])) * step)
+    # what came before the record is as its beginning
+    earlier_s = course.delay_s + course.pitch_s
+    fed, edges = np.append(-earlier_s * share[0], fed), np.append(time_s[0] - earlier_s, time_s)
+    seen_s = time_s - course.delay_s
+    since = np.interp(seen_s, edges, fed) - np.interp(seen_s - course.pitch_s, edges, fed)
+    return since[:, None] / course.pitch_s * course.force(0.0)
+
+
+def _held(courses: Sequence[Course], added: Sequence[Array], weight: Array) -> bool:
+    """Whether it may be the feed held over periods that the force goes with: it is unlike the feed as it was
+    measured, `added`, and not sure to explain less of the trials; a share of either, the best over all."""
+    ways = []
+    for shape in STAIR.grid(courses):
+        held = _own(courses, [STAIR.columns(each, shape)[..., 0] for each in courses])
+        ways.append((_falls(courses, held, weight), held))
+    falls, held = max(ways, key=lambda way: float(np.sum(way[0])))
+    less = _falls(courses, added, weight) - falls
+    surely = bool(np.sum(less) > _SURE * np.sqrt(len(less)) * np.std(less))
+    apart = [one - other for one, other in zip(held, added, strict=True)]
+    return not surely and _energy(apart, weight) > _UNLIKE * _energy(added, weight)
+
+
+def _energy(forces: Sequence[Array], weight: Array) -> float:
+    return float(sum(np.sum(force**2 @ weight**2) for force in forces))
+
+
+def _own(courses: Sequence[Course], forces: Sequence[Array]) -> list[Array]:
+    """Forces [T, 3] without what a change of the whole trial could imitate."""
+    return [each.own(force[..., None])[..., 0] for each, force in zip(courses, forces, strict=True)]
+
+
+def _falls(
+    courses: Sequence[Course], added: Sequence[Array], weight: Array, share: float | None = None
+) -> Array:
+    """[R] fall of each trial's weighted squared error by a share of the forces `added` [T, 3]; default the
+    best share over all trials."""
+    product, square = (
+        np.array([np.sum((one * other) @ weight**2) for one, other in pairs])
+        for pairs in (
+            [(each.left_n, force) for each, force in zip(courses, added, strict=True)],
+            [(force, force) for force in added],
+        )
+    )
+    if share is None:
+        share = float(product.sum() / max(square.sum(), 1e-300))
+    return np.asarray(2.0 * share * product - share**2 * square)
