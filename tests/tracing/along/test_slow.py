@@ -346,3 +346,15 @@ def test_layers_beside_each_other_are_all_found():
     np.testing.assert_allclose(found[1][0], 0.02, atol=3e-4)
     # fitted at once, they share out what each trial's own mean has taken of them
     assert found[0][2] < -0.15 and found[0][2] / found[1][2] == pytest.approx(-0.3 / 0.25, rel=0.03)
+
+
+def test_three_levels_between_blended_borders_are_three_layers():
+    """Two layers that overlap have two levels for three stretches of the path."""
+    places = [0.0115, 0.0125, 0.0195, 0.0205, 0.0275, 0.0285]
+    levels = np.array([0.0, -0.24, -0.24, -0.12, -0.12, 0.18])
+    named, rounds = _named(lambda place, trial: np.interp(place, places, levels), edge_share=1.0)
+    assert {each.kind.name for each in named} == {"layered_material"}
+    borders = np.array([at for each in named for at in _ends(each.effect.values())])
+    for true in (0.012, 0.02, 0.028):
+        assert np.abs(borders - true).min() < 2e-4
+    assert named[-1].heldout.nrmse < 0.2 * rounds[0].before.nrmse
