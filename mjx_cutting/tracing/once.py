@@ -126,7 +126,8 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searche
             return first
         if made + 1 >= _TIMES and found.final.nrmse > _SETTLED * error:
             break
-    return found
+    # what is found anew beside the freed model may be part of it only: of several layers, one
+    return found if _SETTLED * found.final.nrmse < first.final.nrmse else first
 
 
 def _beside_steady(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searches) -> Pass | None:

@@ -15,6 +15,7 @@ from mjx_cutting.trials import resolve
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ = 250.0
+BONDS = {6.2e-3: -0.24, 9.8e-3: 0.12, 13.1e-3: 0.3}
 
 
 def _drills(wear: float, seed: int = 0) -> Dataset:
@@ -349,3 +350,45 @@ def test_a_share_that_stays_out_of_its_range_is_refused():
     assert found.verdict["effects"] == []
     (only,) = found.slow[0].candidates
     assert not only.decision.physical and "physical range" in only.decision.reasons[0]
+
+
+def _bonded_bar(rate_hz: float = 100.0) -> Dataset:
+    """Cuts of a turned bar over parts of its length, whose k_c changes softly at three places."""
+    generator, trials = np.random.default_rng(4), []
+    stretches_mm = ((2, 10), (1, 17), (2, 17), (1, 17), (6, 15), (2, 17), (0, 15))
+    chips_m, depths_m = 1e-4 * np.array([1, 2, 3, 2, 1, 3, 1.5]), 1e-3 * np.array([1, 1, 1, 2, 2, 0.5, 1.5])
+    chip_law, edge_law = np.array([-5.5e8, 1.6e9, -3.2e8]), np.array([-3.5e4, 4.5e4, -3e4])
+    for index, ((first, last), chip, depth) in enumerate(zip(stretches_mm, chips_m, depths_m, strict=True)):
+        feed = 10.0 * float(chip)
+        time = np.arange(int(1e-3 * (last - first) / feed * rate_hz)) / rate_hz
+        place = 1e-3 * first + feed * time
+        steps = [step * 0.5 * (1.0 + np.tanh((place - at) / 2.5e-4)) for at, step in BONDS.items()]
+        force = depth * (chip * (1.0 + sum(steps))[:, None] * chip_law + edge_law)
+        trials.append(
+            Trial(
+                file=f"{index}.csv",
+                kind="cut",
+                milling=None,
+                spindle_speed_rev_s=10.0,
+                feed_speed_m_s=feed,
+                radial_depth_m=float(depth),
+                axial_width_m=float(depth),
+                time_s=time,
+                force_n=force + 2.0 * generator.normal(size=force.shape),
+                position_m=np.stack([place, 0.0 * place, 0.0 * place], axis=1),
+            )
+        )
+    told = {"name": "bar", "source": "made by calculation", "licence": "Apache-2.0"}
+    sensor = Sensor(rate_hz, (2.0, 2.0, 2.0), zeroed="session")
+    return Dataset(**told, tool=ToolInfo("turning", 1, 0.045), sensor=sensor, trials=tuple(trials))
+
+
+@pytest.mark.slow
+def test_three_soft_borders_of_a_bar_are_found_though_two_layers_do_nearly_as_well():
+    """No trial has all of the bar, and of two layers that overlap, three stretches have two levels."""
+    found = trace(_bonded_bar(), effects=("layered_material",))
+    borders = np.array([at for each in found.along for at in each.shape[:2].cumsum()])
+    for true in BONDS:
+        assert np.abs(borders - true).min() < 1.5e-4
+    before, after = (found.verdict[each]["heldout_nrmse"] for each in ("before", "after"))
+    assert after < 0.3 * before
