@@ -43,7 +43,7 @@ def _forces(cut: Milling, chip: Array, place: Array, drill: bool) -> Array:
         kappa = np.asarray(p["kappa_n_m2"])
     width = cut.teeth * cut.radius_m if drill else cut.width_m
     tangential, radial, axial = (
-        width * (cut.chip_n_m2[i] * sheared + cut.edge_n_m[i] * edge_gain + kappa[i] * land * edge_gain)
+        width * (cut.chip_n_m2[i] * sheared[i] + cut.edge_n_m[i] * edge_gain + kappa[i] * land * edge_gain)
         for i in range(3)
     )
     if drill:

@@ -87,7 +87,8 @@ class Milling:
 
 
 def shear(chip: Array, effects: dict[str, Params]) -> Array:
-    """The thickness that the chip constants multiply, m, of chips >= 0."""
+    """[3, ...] the thickness that the chip constants multiply, m, of chips [...] >= 0, by direction of force
+    (tangential, radial, axial)."""
     made = chip
     if "ploughing" in effects:
         p = effects["ploughing"]
@@ -95,9 +96,13 @@ def shear(chip: Array, effects: dict[str, Params]) -> Array:
         ploughed = -least * np.expm1(-chip / least) if p.get("gradual") else np.minimum(chip, least)
         made = chip + (p["ratio"] - 1.0) * ploughed
     if "size_effect" in effects:
-        thick = np.maximum(chip, 1e-12)
-        made = made * (thick / REFERENCE_CHIP_M) ** -effects["size_effect"]["exponent"]
-    return made
+        p = effects["size_effect"]
+        thick = np.maximum(chip, 1e-12) / REFERENCE_CHIP_M
+        times = (1.0, p.get("radial_ratio", 1.0), p.get("axial_ratio", 1.0))
+        if times != (1.0, 1.0, 1.0):
+            return np.stack([made * thick ** (-p["exponent"] * each) for each in times])
+        made = made * thick ** -p["exponent"]
+    return np.broadcast_to(made, (3, *made.shape))
 
 
 def along(
@@ -149,7 +154,7 @@ def passes(cut: Milling, begin_s: float, end_s: float, cells: int) -> tuple[Arra
         inside = _inside_sheet(cut, place, sine)
         chip_gain, edge_gain = chip_gain * inside, edge_gain * inside
     rubbing: Array = np.zeros(time.shape)
-    sheared: Array = np.zeros(time.shape)
+    sheared: Array = np.zeros((3, *time.shape))
     for share, touch, chip in parts:
         made = shear(chip, cut.effects)
         if "clogging" in cut.effects:
@@ -161,7 +166,7 @@ def passes(cut: Milling, begin_s: float, end_s: float, cells: int) -> tuple[Arra
     duration = cut.width_m * step / turn
     sheared *= chip_gain * duration
     rubbing *= edge_gain * duration
-    local = [k * sheared + e * rubbing for k, e in zip(cut.chip_n_m2, cut.edge_n_m, strict=True)]
+    local = [k * part + e * rubbing for k, part, e in zip(cut.chip_n_m2, sheared, cut.edge_n_m, strict=True)]
     if "flank_wear" in cut.effects:
         p = cut.effects["flank_wear"]
         land = rubbing * (p["rate"] * (cut.length_before_m + np.maximum(place, 0.0)))

@@ -5,12 +5,13 @@ from __future__ import annotations
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.axis_apart import axis_apart
+from mjx_cutting.tracing.naming.by_direction import by_direction
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest
 from mjx_cutting.tracing.naming.gradual import gradually
 from mjx_cutting.tracing.naming.place import Place
 from mjx_cutting.tracing.naming.wear_stages import in_stages
 
-_WAYS = (in_stages, axis_apart, gradually)
+_WAYS = (in_stages, axis_apart, gradually, by_direction)
 
 
 def finer(
