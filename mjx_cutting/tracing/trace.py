@@ -38,6 +38,7 @@ from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.passes import Pass, for_use, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
+from mjx_cutting.tracing.records.spindle import as_turned
 from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import above_band
@@ -120,7 +121,7 @@ def _trace(
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
-    dataset = as_levels(dataset)
+    dataset = as_turned(as_levels(dataset))
     with _platform.x64():
         band = trusted_band(dataset, band_hz)
         with_ends = any(kind.name == ENDS for kind in kinds)

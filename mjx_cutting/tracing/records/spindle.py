@@ -4,7 +4,8 @@ A cut repeats every revolution, so its energy stands at multiples of the spindle
 f within `SPREAD` of the nominal that collects the most energy at its multiples; the error of that estimate
 falls as T^(-3/2) (Rife and Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591-598). Lines above half the
 sampling rate are looked for where they fold to. Where the spindle angle was measured, it is used and nothing
-is estimated.
+is estimated. Where a measured speed changes within the record, the multiples are those of the angle that it
+integrates to (`even_time`).
 
 A motor that gives way under load runs several per cent slow. No trial is searched that far by itself: many
 combs share lines (with N teeth, one N / (N + 1) as fast holds tooth passing too, at order N + 1; a sampled
@@ -16,6 +17,7 @@ are left only where that law collects clearly more energy over the session.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,8 @@ from scipy.optimize import nnls
 from mjx_cutting.cutting import arc
 from mjx_cutting.tracing.records.blocks import block_edges, block_means
 from mjx_cutting.tracing.records.course import rate_hz
-from mjx_cutting.trials.dataset import ToolInfo, Trial
+from mjx_cutting.tracing.records.even_time import even_time
+from mjx_cutting.trials.dataset import Dataset, ToolInfo, Trial
 
 Array = NDArray[np.floating]
 SPREAD = 0.01
@@ -46,10 +49,11 @@ _CLEARLY_TRIALS = 1.0
 
 
 def spindle_angle(trial: Trial, speed_rev_s: float) -> Array:
-    """[T] angle of the spindle, rad: the measured one (unwrapped), else 2 pi f t from the first sample."""
+    """[T] angle of the spindle, rad: the measured one (unwrapped), else from the first sample that of a speed
+    which was seen to change, 2 pi f on the mean, else 2 pi f t."""
     if trial.spindle_angle_rad is not None:
         return np.unwrap(trial.spindle_angle_rad)
-    return 2.0 * np.pi * speed_rev_s * (trial.time_s - trial.time_s[0])
+    return 2.0 * np.pi * speed_rev_s * even_time(trial)
 
 
 def stated_speed(trial: Trial) -> float:
@@ -118,6 +122,25 @@ def spindle_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
 def _about(trials: Sequence[Trial], teeth: int, middle_rev_s: Array, spread: float = SPREAD) -> Array:
     pairs = zip(trials, middle_rev_s, strict=True)
     return np.array([spindle_speed(trial, teeth, float(f), spread) for trial, f in pairs])
+
+
+def as_turned(dataset: Dataset) -> Dataset:
+    """The data set, the speeds that were measured in its cuts left out of account, but for their mean, where
+    the force has its lines at an even speed rather than along the angle that they integrate to."""
+    return replace(dataset, trials=tuple(_agreed(trial, dataset.tool.teeth) for trial in dataset.trials))
+
+
+def _agreed(trial: Trial, teeth: int) -> Trial:
+    measured = trial.spindle_speed_measured_rev_s
+    if measured is None or trial.kind != "cut" or np.array_equal(even_time(trial), _from_start(trial)):
+        return trial
+    evenly = replace(trial, spindle_speed_measured_rev_s=np.full_like(measured, np.mean(measured)))
+    return evenly if _collected(evenly, teeth) > _collected(trial, teeth) else trial
+
+
+def _collected(trial: Trial, teeth: int) -> float:
+    """Energy at the orders of the trial's spindle speed."""
+    return float(np.sum(_comb(*_windowed(trial), _orders(trial, teeth), spindle_speed(trial, teeth), teeth)))
 
 
 def loaded_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
@@ -192,10 +215,17 @@ def _within_reach(trial: Trial, teeth: int) -> tuple[Array, Array] | None:
 
 
 def _windowed(trial: Trial) -> tuple[Array, Array]:
-    """The record, windowed so that a strong line does not leak onto the place of a weak one; its times."""
-    signal = trial.signals[:, ~np.isnan(trial.signals).any(axis=0)]
-    signal = (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None]
-    return signal, trial.time_s - trial.time_s[0]
+    """The record as an even spindle would have shown it, windowed so that a strong line does not leak onto
+    the place of a weak one; its times."""
+    signal, time = trial.signals[:, ~np.isnan(trial.signals).any(axis=0)], _from_start(trial)
+    even = even_time(trial)
+    if not np.array_equal(even, time):
+        signal = np.stack([np.interp(time, even, each) for each in signal.T], axis=-1)
+    return (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None], time
+
+
+def _from_start(trial: Trial) -> Array:
+    return np.asarray(trial.time_s - trial.time_s[0])
 
 
 def _candidates(
