@@ -22,6 +22,7 @@ from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.search import Search, search
 from mjx_cutting.tracing.records.course import Course
+from mjx_cutting.tracing.records.even_time import later
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.noise import noise_floor
@@ -132,10 +133,11 @@ def _courses(found: Pass) -> tuple[Course, ...]:
 
 
 def _as_fed(alone: Pass) -> Pass:
-    """The pass over steady effects, its models following the feed where that was measured (`along.fed`): the
-    base model too, whose chip it is."""
+    """The pass over steady effects, its models following feed and speed where these were measured and change
+    (`along.fed`): the base model too, whose chip it is."""
     trials = [each for each in alone.dataset.trials if each.kind == "cut"]
-    if any(each.feed_speed_measured_m_s is None for each in trials):
+    fed = all(each.feed_speed_measured_m_s is not None for each in trials)
+    if not fed and all(later(each) is None for each in trials):
         return alone
     added = as_fed(_courses(alone), np.asarray(alone.search.problem.weight))
     if added is None:

@@ -1,13 +1,14 @@
-"""A feed that was measured and changes along a record: each tooth cuts what was fed since the one before it.
+"""Feed and spindle speed measured along a record: each tooth cuts what was fed since the one before it.
 
-That is the base model's own chip and no effect, so the prediction follows it. Where it may have been held
-over periods in between, or what was measured is a stair itself, it is left to that effect (`stair`); a feed
-that changes little within any period shows none.
+That is the base model's own chip and no effect, so the prediction follows it. Where the feed may have been
+held over periods in between, or what was measured is a stair itself, it is left to that effect (`stair`); a
+feed that changes little within any period shows none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,29 +24,35 @@ Array = NDArray[np.floating]
 def as_fed(courses: Sequence[Course], weight: Array) -> tuple[Array, ...] | None:
     """[T, 3] by trial what the force is more, N, as more was fed than the steady prediction has it.
 
-    None where no feed was measured in all `courses`, where the force does not go with it, and where it may go
-    with one held over periods. `weight` [3]: 1 / standard deviation of each axis.
+    None where neither the feed of all `courses` was measured nor the speed of any is seen to change, where
+    the force does not go with them, and where it may go with a feed held over periods. `weight` [3]: 1 /
+    standard deviation of each axis.
     """
-    if any(each.feed_share is None or is_stair(each) for each in courses):
+    fed = all(each.feed_share is not None and not is_stair(each) for each in courses)
+    if not fed:
+        courses = [replace(each, feed_share=None) for each in courses]
+    if not fed and all(each.later is None for each in courses):
         return None
     added = _own(courses, [followed(each) for each in courses])
-    if not _falls(courses, added, weight, 1.0).sum() > 0.0 or _held(courses, added, weight):
+    if not _falls(courses, added, weight, 1.0).sum() > 0.0 or (fed and _held(courses, added, weight)):
         return None
     return tuple(added)
 
 
 def followed(course: Course) -> Array:
-    """[T, 3] force of what was fed since the last tooth beyond the nominal feed, N."""
-    assert course.feed_share is not None
-    share, time_s = course.feed_share, course.time_s
+    """[T, 3] force of what was fed since the last tooth beyond what is fed on the mean, N."""
+    time_s, seen_s = course.time_s, course.time_s - course.delay_s
+    pitch_s = np.full(len(time_s), course.pitch_s)
+    if course.later is not None:
+        pitch_s = pitch_s * (1.0 + np.interp(seen_s, time_s, course.later))
+    share = np.zeros(len(time_s)) if course.feed_share is None else course.feed_share
     step = np.diff(time_s, prepend=time_s[0])
     fed = np.cumsum(0.5 * (share + np.concatenate([share[:1], share[:-1]])) * step)
     # what came before the record is as its beginning
-    earlier_s = course.delay_s + course.pitch_s
+    earlier_s = course.delay_s + float(np.max(pitch_s))
     fed, edges = np.append(-earlier_s * share[0], fed), np.append(time_s[0] - earlier_s, time_s)
-    seen_s = time_s - course.delay_s
-    since = np.interp(seen_s, edges, fed) - np.interp(seen_s - course.pitch_s, edges, fed)
-    return since[:, None] / course.pitch_s * course.force(0.0)
+    since = np.interp(seen_s, edges, fed) - np.interp(seen_s - pitch_s, edges, fed)
+    return ((since + pitch_s) / course.pitch_s - 1.0)[:, None] * course.force(0.0)
 
 
 def _held(courses: Sequence[Course], added: Sequence[Array], weight: Array) -> bool:

@@ -20,6 +20,7 @@ from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
 from mjx_cutting.tracing.records.course import Course, felt_at
+from mjx_cutting.tracing.records.even_time import later
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
 from mjx_cutting.tracing.records.lines import Lines
@@ -68,6 +69,7 @@ def courses(
                 angle_rad=each.angle_rad,
                 delay_s=delay_s,
                 pitch_s=1.0 / (dataset.tool.teeth * each.speed_rev_s),
+                later=later(trial),
                 chip_by_fold=chip_share[:, index],
                 edge_by_fold=edge_share[:, index],
                 ahead_m=ahead_m,

@@ -36,7 +36,8 @@ class Course:
         rate_hz, band_hz: sampling rate and the band compared.
         index: place among the cut trials; angle_rad: [T] angle of tooth 0 as fitted.
         delay_s: by how much later the force is seen, behind the known anti-alias filter.
-        pitch_s: time from one tooth to the next.
+        pitch_s: mean time from one tooth to the next; later: [T] by how much more of it the next one takes, a
+            share, where the spindle is seen to slow down or speed up, else None.
         apart: whether the steady model was fitted to records without what is looked for.
         chip_by_fold, edge_by_fold: [F, 3] those waves with each fold of trials left out, as shares of them.
         ahead_m: how far a tooth in the cut is ahead of the tool's centre, at least and at most.
@@ -57,6 +58,7 @@ class Course:
     apart: bool = False
     delay_s: float = 0.0
     pitch_s: float = 1e-3
+    later: Array | None = None
     chip_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
     edge_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
     ahead_m: tuple[float, float] = (0.0, 0.0)

@@ -37,6 +37,13 @@ def even_time(trial: Trial) -> Array:
     return np.asarray(time_s + ahead - ahead[-1] * time_s / time_s[-1])
 
 
+def later(trial: Trial) -> Array | None:
+    """[T] by how much longer than on the mean the spindle takes for a turn, a share; None where its speed is
+    not seen to change."""
+    even, time_s = even_time(trial), trial.time_s - trial.time_s[0]
+    return None if np.array_equal(even, time_s) else 1.0 / np.gradient(even, time_s) - 1.0
+
+
 def _slow(change: Array, turns: float) -> Array:
     """The part of a speed [T] that surely changes, less its mean, over a record of so many turns."""
     size = dct(change, norm="ortho")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,22 @@ def test_a_force_that_goes_with_the_measured_feed_is_followed_to_the_noise(feed)
     for course, wave in zip(courses, added, strict=True):
         assert np.std(course.left_n - wave) == pytest.approx(NOISE_N, rel=0.05)
         assert np.std(course.left_n) > 5.0 * NOISE_N
+
+
+def test_a_spindle_that_slows_down_cuts_more_with_every_tooth():
+    for feed in (None, _walk):
+        courses = []
+        for index in range(5):
+            later, fed = _ramp(index), (lambda time: 0.0 * time) if feed is None else feed(index)
+            course = _course(
+                fed, lambda time, fed=fed, later=later: (1.0 + fed(time)) * (1.0 + later(time)) - 1.0
+            )
+            share = None if feed is None else course.feed_share
+            courses.append(replace(course, feed_share=share, later=later(TIME_S), pitch_s=1e-6))
+        added = as_fed(courses, WEIGHT)
+        assert added is not None
+        for course, wave in zip(courses, added, strict=True):
+            assert np.std(course.left_n - wave) == pytest.approx(NOISE_N, rel=0.05)
 
 
 def test_what_was_held_over_periods_is_left_to_the_stair():
