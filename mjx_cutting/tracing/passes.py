@@ -136,8 +136,7 @@ def _as_fed(alone: Pass) -> Pass:
     """The pass over steady effects, its models following feed and speed where these were measured and change
     (`along.fed`): the base model too, whose chip it is."""
     trials = [each for each in alone.dataset.trials if each.kind == "cut"]
-    fed = all(each.feed_speed_measured_m_s is not None for each in trials)
-    if not fed and all(later(each) is None for each in trials):
+    if all(each.feed_speed_measured_m_s is None and later(each) is None for each in trials):
         return alone
     added = as_fed(_courses(alone), np.asarray(alone.search.problem.weight))
     if added is None:

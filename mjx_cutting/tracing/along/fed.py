@@ -24,17 +24,18 @@ Array = NDArray[np.floating]
 def as_fed(courses: Sequence[Course], weight: Array) -> tuple[Array, ...] | None:
     """[T, 3] by trial what the force is more, N, as more was fed than the steady prediction has it.
 
-    None where neither the feed of all `courses` was measured nor the speed of any is seen to change, where
-    the force does not go with them, and where it may go with a feed held over periods. `weight` [3]: 1 /
-    standard deviation of each axis.
+    None where in none of the `courses` a feed was measured or a speed is seen to change, where the force does
+    not go with them, and where it may go with a feed held over periods. `weight` [3]: 1 / standard deviation
+    of each axis.
     """
-    fed = all(each.feed_share is not None and not is_stair(each) for each in courses)
-    if not fed:
+    if any(each.feed_share is not None and is_stair(each) for each in courses):
         courses = [replace(each, feed_share=None) for each in courses]
+    fed = [index for index, each in enumerate(courses) if each.feed_share is not None]
     if not fed and all(each.later is None for each in courses):
         return None
     added = _own(courses, [followed(each) for each in courses])
-    if not _falls(courses, added, weight, 1.0).sum() > 0.0 or (fed and _held(courses, added, weight)):
+    goes = _falls(courses, added, weight, 1.0).sum() > 0.0
+    if not goes or (fed and _held([courses[each] for each in fed], [added[each] for each in fed], weight)):
         return None
     return tuple(added)
 

@@ -29,7 +29,7 @@ from mjx_cutting.tracing.fitting.tuned import tuned_angle
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band
-from mjx_cutting.tracing.records.spindle import spindle_angle, stated_speed
+from mjx_cutting.tracing.records.spindle import as_turned, spindle_angle, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 _KNOTS = 65
@@ -82,7 +82,7 @@ def predict_trials(
     A trial's speed is looked for within 1 % of the stated one, or of what the model's droop makes of it.
     """
     with _platform.x64():
-        dataset = as_levels(dataset)
+        dataset = as_turned(as_levels(dataset))
         stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])
         lines = compress(dataset, trusted_band(dataset, band_hz), loaded_about(dataset, model, stated))
         problem = pose(dataset, lines)

@@ -63,6 +63,17 @@ def test_a_force_that_goes_with_the_measured_feed_is_followed_to_the_noise(feed)
         assert np.std(course.left_n) > 5.0 * NOISE_N
 
 
+def test_a_feed_that_was_measured_in_some_trials_is_followed_there():
+    known = [_course(_ramp(i), _ramp(i), seed=i) for i in range(2)]
+    rest = [_course(_ramp(i), lambda time: 0.0 * time, seed=i) for i in range(2, 5)]
+    added = as_fed([*known, *(replace(each, feed_share=None) for each in rest)], WEIGHT)
+    assert added is not None
+    assert all(
+        np.std(each.left_n - wave) < 1.05 * NOISE_N for each, wave in zip(known, added[:2], strict=True)
+    )
+    assert not np.any(added[2:])
+
+
 def test_a_spindle_that_slows_down_cuts_more_with_every_tooth():
     for feed in (None, _walk):
         courses = []
