@@ -13,6 +13,7 @@ import numpy as np
 from mjx_cutting import _platform
 from mjx_cutting._files import write_atomic
 from mjx_cutting.cutting import effect_class
+from mjx_cutting.cutting.effects.broken_tooth import BrokenTooth
 from mjx_cutting.cutting.effects.material_periodicity import MaterialPeriodicity
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
@@ -25,6 +26,7 @@ from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import SelfExcited, find_vibration
 from mjx_cutting.tracing.along.turning_chatter import find_chatter
+from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.by_place import in_ramps
 from mjx_cutting.tracing.droop_on_ramps import with_droop_on_ramps
 from mjx_cutting.tracing.entered import entered
@@ -122,6 +124,8 @@ def _trace(
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     dataset = as_turned(as_levels(dataset))
+    if any(kind is BrokenTooth for kind in kinds):
+        dataset = parted_at_breakage(dataset)
     with _platform.x64():
         band = trusted_band(dataset, band_hz)
         with_ends = any(kind.name == ENDS for kind in kinds)
