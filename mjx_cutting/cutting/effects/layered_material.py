@@ -31,9 +31,10 @@ BORDER_M = 2e-5
 class LayeredMaterial(AbstractEffect):
     """One layer across the path.
 
-    Fields: `change` [] relative change of all constants inside, -1 for a void; `start_m`, `length_m` [] where
+    Fields: `change` [] relative change of the constants inside, -1 for a void; `start_m`, `length_m` [] where
     it begins along the path and how long it is, between the middles of its borders, m; `border_m` [] way over
-    which each of them ramps, m.
+    which each of them ramps, m; `edge_share` [] change of the edge constants over that of the chip's, 1 where
+    all change alike, 0 where the layer only shears harder or softer.
     """
 
     name = "layered_material"
@@ -44,6 +45,7 @@ class LayeredMaterial(AbstractEffect):
         "start_m": Parameter("m", -1.0, 10.0, None, 0.0),
         "length_m": Parameter("m", 1e-4, 10.0, None, 0.02, log=True),
         "border_m": Parameter("m", 1e-6, 2e-2, None, BORDER_M, log=True),
+        "edge_share": Parameter("1", 0.0, 1.0, None, 0.0, source="0 or 1", whole=True),
     }
     steady = False
     alike = True
@@ -54,13 +56,18 @@ class LayeredMaterial(AbstractEffect):
     start_m: ArrayLike
     length_m: ArrayLike
     border_m: ArrayLike = BORDER_M
+    edge_share: ArrayLike = 1.0
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         since = jnp.asarray(cut.position_m) - self.start_m
         within = jnp.minimum(since, jnp.asarray(self.length_m) - since)
         share = jnp.clip(0.5 + within / jnp.asarray(self.border_m), 0.0, 1.0)
-        factor = (1.0 + self.change * share)[..., None, None, None]
-        return EdgeForce(force.chip * factor, force.edge * factor)
+        change = (self.change * share)[..., None, None, None]
+        return EdgeForce(force.chip * (1.0 + change), force.edge * (1.0 + self.edge_share * change))
+
+    @classmethod
+    def size(cls, tool: Tool) -> int:
+        return 4
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> LayeredMaterial:

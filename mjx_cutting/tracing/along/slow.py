@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.tracing.along.at_once import fitted_together, with_together
 from mjx_cutting.tracing.along.kind import Kind
-from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_the_chip
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound, less, without
 from mjx_cutting.tracing.along.slow_try import IN_POSITION, Asked, fall_of_error, free_in_position, try_one
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -41,6 +41,8 @@ def search_slow(
 ) -> tuple[SlowRound, ...]:
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
 
+    Layers change all constants alike, or those of the chip alone where much less is left then.
+
     Arguments:
         trials: courses of the cut trials.
         before: held-out error of the steady model, with its folds.
@@ -51,6 +53,32 @@ def search_slow(
         in_range: whether parameters must lie in their physical ranges. A share of the force does not until
             the steady model is freed of what it has taken for its own.
     """
+    rest = (progress, tolerance, in_range)
+    found = _search(trials, before, weight, names, kinds, *rest)
+    layers = [each for each in found if each.accepted is not None and each.accepted.kind.name == LAYERED]
+    if not layers:
+        return found
+    other = _search(trials, before, weight, names, of_the_chip(kinds), *rest)
+    return other if _left_by(other) < _MUCH_LESS * _left_by(found) else found
+
+
+def _left_by(rounds: Sequence[SlowRound]) -> float:
+    """Held-out error beside all that was accepted."""
+    last = rounds[-1]
+    return (last.before if last.accepted is None else last.accepted.heldout).nrmse
+
+
+def _search(
+    trials: Sequence[Course],
+    before: HeldOut,
+    weight: Array,
+    names: Sequence[str] | None,
+    kinds: Sequence[Kind],
+    progress: Callable[[str], None],
+    tolerance: float,
+    in_range: bool,
+) -> tuple[SlowRound, ...]:
+    """`search_slow` with every kind as it is."""
     open_ = [
         kind
         for kind in kinds

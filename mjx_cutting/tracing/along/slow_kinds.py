@@ -11,7 +11,7 @@ are in `shapes`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import compress
 
 import numpy as np
@@ -28,10 +28,6 @@ from mjx_cutting.tracing.along.stair import STAIR
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 Array = NDArray[np.floating]
-
-
-def _whole(course: Course) -> Array:
-    return course.force(1.0)
 
 
 def _position(course: Course) -> Array:
@@ -57,21 +53,8 @@ def _inside(place_m: Array, start_m: Array, length_m: Array, border_m: Array) ->
     return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / border_m, 0.0, 1.0))
 
 
-def _layer(course: Course, shape: Array) -> Array:
-    inside = _inside(course.position_m, *shape)
-    return (inside[:, None] * _whole(course))[..., None]
-
-
 def _layers_inside(place_m: Array, shapes: Array) -> Array:
     return _inside(place_m, *np.split(shapes, 3, axis=1))
-
-
-def _layer_sums(courses: Sequence[Course], shapes: Array) -> Sums:
-    return profiled_sums(courses, _position, _whole, _layers_inside, shapes)
-
-
-def _stack(courses: Sequence[Course]) -> Callable[[Array], Sums]:
-    return stacked_sums(courses, _position, _whole, _layers_inside)
 
 
 def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
@@ -82,9 +65,32 @@ def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
     return np.asarray([each for each in near if each[1] > 0.2 * step])
 
 
-def _layer_effect(shape: Array, c: Array) -> AbstractEffect:
-    return effect_class("layered_material")(
-        change=float(c[0]), start_m=float(shape[0]), length_m=float(shape[1]), border_m=float(shape[2])
+def _layers_of(edge_share: float) -> Kind:
+    """Layers in which the edge constants change by a share of what those of the chip do."""
+
+    def carrier(course: Course) -> Array:
+        return course.force(edge_share)
+
+    def columns(course: Course, shape: Array) -> Array:
+        inside = _inside(course.position_m, *shape)
+        return (inside[:, None] * carrier(course))[..., None]
+
+    def effect(shape: Array, c: Array) -> AbstractEffect:
+        start, length, border = map(float, shape)
+        return effect_class(LAYERED)(float(c[0]), start, length, border, edge_share)
+
+    return Kind(
+        LAYERED,
+        at_several_feeds,
+        _layers,
+        columns,
+        effect,
+        several=True,
+        shared=True,
+        rather=at_the_end,
+        refine=_layers_near,
+        sums=lambda courses, shapes: profiled_sums(courses, _position, carrier, _layers_inside, shapes),
+        stack=lambda courses: stacked_sums(courses, _position, carrier, _layers_inside),
     )
 
 
@@ -153,21 +159,11 @@ _FEWEST_APART = 3
 _AS_LARGE = 0.25
 BY_PLACE = ("material_periodicity", "layered_material", "hysteresis")
 """Slow effects bound to the way, of the sheet or of the drive."""
+LAYERED = "layered_material"
+_LAYERS = _layers_of(1.0)
 KINDS: tuple[Kind, ...] = (
     PERIODIC,
-    Kind(
-        "layered_material",
-        at_several_feeds,
-        _layers,
-        _layer,
-        _layer_effect,
-        several=True,
-        shared=True,
-        rather=at_the_end,
-        refine=_layers_near,
-        sums=_layer_sums,
-        stack=_stack,
-    ),
+    _LAYERS,
     Kind(
         "mains_pickup",
         lambda courses: courses[0].band_hz[1] > 50.0,
@@ -183,3 +179,8 @@ KINDS: tuple[Kind, ...] = (
     HYSTERESIS,
 )
 """Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
+
+
+def of_the_chip(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
+    """The kinds, layers among them as such in which the edge's force is that of the sheet."""
+    return tuple(_layers_of(0.0) if kind is _LAYERS else kind for kind in kinds)

@@ -87,6 +87,15 @@ def test_a_layer_is_named_with_its_place():
     assert values["change"] == pytest.approx(0.4, rel=0.05)
 
 
+@pytest.mark.parametrize("edge_share", [0.0, 1.0])
+def test_a_layer_is_told_with_whether_the_edge_force_changes_too(edge_share):
+    (found, *more), _ = _named(lambda s, i: np.where((s > 0.012) & (s < 0.02), 0.3, 0.0), edge_share)
+    assert found.kind.name == "layered_material" and not more
+    values = found.effect.values()
+    assert values["edge_share"] == edge_share
+    assert values["change"] == pytest.approx(0.3, rel=0.05)
+
+
 def test_force_that_is_missing_at_the_end_of_the_path_is_no_layer():
     (round_,) = _with_a_layer(-0.6, -1.0, 0.006)
     assert round_.accepted is None
