@@ -99,9 +99,7 @@ def shear(chip: Array, effects: dict[str, Params]) -> Array:
         p = effects["size_effect"]
         thick = np.maximum(chip, 1e-12) / REFERENCE_CHIP_M
         times = (1.0, p.get("radial_ratio", 1.0), p.get("axial_ratio", 1.0))
-        if times != (1.0, 1.0, 1.0):
-            return np.stack([made * thick ** (-p["exponent"] * each) for each in times])
-        made = made * thick ** -p["exponent"]
+        return np.stack([made * thick ** (-p["exponent"] * each) for each in times])
     return np.broadcast_to(made, (3, *made.shape))
 
 

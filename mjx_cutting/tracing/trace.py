@@ -124,7 +124,7 @@ def _trace(
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     dataset = as_turned(as_levels(dataset))
-    if any(kind is BrokenTooth for kind in kinds):
+    if BrokenTooth in kinds:
         dataset = parted_at_breakage(dataset)
     with _platform.x64():
         band = trusted_band(dataset, band_hz)

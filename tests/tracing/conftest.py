@@ -46,10 +46,11 @@ def mill():
 
 @pytest.fixture(scope="session")
 def hiding():
-    """Call it with effects by name with parameters of their own: an end mill's session of the study."""
+    """Call it with effects by name with parameters of their own: a session of the study, an end mill's where
+    no other design is named."""
 
-    def make(effects: dict, seed: int = 401) -> Dataset:
-        session, trials = recorded(plan("mill", seed), effects, seed)
+    def make(effects: dict, seed: int = 401, design: str = "mill") -> Dataset:
+        session, trials = recorded(plan(design, seed), effects, seed)
         told = {"name": "hiding", "source": "benchmarks/study", "licence": "Apache-2.0"}
         return Dataset(**told, tool=session.tool, sensor=session.sensor, trials=trials)
 

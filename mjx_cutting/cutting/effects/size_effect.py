@@ -33,8 +33,8 @@ class SizeEffect(AbstractEffect):
     """Power law in chip thickness about h0 = 50 um.
 
     Fields: `exponent` [] Kienzle's m of the tangential force, 0 for the base model; `radial_ratio`,
-    `axial_ratio` [] times it, they are those of the radial and of the axial force. A fit
-    begins with all alike.
+    `axial_ratio` [] times it, they are those of the radial and of the axial force. A fit begins with all
+    alike.
     """
 
     name = "size_effect"

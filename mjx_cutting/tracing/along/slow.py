@@ -55,8 +55,7 @@ def search_slow(
     """
     rest = (progress, tolerance, in_range)
     found = _search(trials, before, weight, names, kinds, *rest)
-    layers = [each for each in found if each.accepted is not None and each.accepted.kind.name == LAYERED]
-    if not layers:
+    if not any(each.accepted is not None and each.accepted.kind.name == LAYERED for each in found):
         return found
     other = _search(trials, before, weight, names, of_the_chip(kinds), *rest)
     return other if _left_by(other) < _MUCH_LESS * _left_by(found) else found

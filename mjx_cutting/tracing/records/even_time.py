@@ -22,16 +22,15 @@ _STEPS = 2.0
 Array = NDArray[np.floating]
 
 
-def even_time(trial: Trial) -> Array:
+def even_time(trial: Trial) -> Array | None:
     """[T] time at which a spindle that turns evenly, at the mean speed of the record, had turned as far, s
-    from its beginning; the record's own where no speed was measured, or none that is seen to change."""
-    time_s = trial.time_s - trial.time_s[0]
-    measured = trial.spindle_speed_measured_rev_s
+    from its beginning; None where no speed was measured, or none that is seen to change."""
+    time_s, measured = from_start(trial), trial.spindle_speed_measured_rev_s
     if measured is None or np.ptp(measured) == 0.0:
-        return np.asarray(time_s)
+        return None
     change = _slow(measured / np.mean(measured) - 1.0, float(np.mean(measured) * time_s[-1]))
     if np.ptp(change) < _STEPS * _step(measured) / np.mean(measured):
-        return np.asarray(time_s)
+        return None
     interval = np.diff(time_s, prepend=0.0)
     ahead = np.cumsum(0.5 * (change + np.concatenate([change[:1], change[:-1]])) * interval)
     return np.asarray(time_s + ahead - ahead[-1] * time_s / time_s[-1])
@@ -40,8 +39,13 @@ def even_time(trial: Trial) -> Array:
 def later(trial: Trial) -> Array | None:
     """[T] by how much longer than on the mean the spindle takes for a turn, a share; None where its speed is
     not seen to change."""
-    even, time_s = even_time(trial), trial.time_s - trial.time_s[0]
-    return None if np.array_equal(even, time_s) else 1.0 / np.gradient(even, time_s) - 1.0
+    even = even_time(trial)
+    return None if even is None else 1.0 / np.gradient(even, from_start(trial)) - 1.0
+
+
+def from_start(trial: Trial) -> Array:
+    """[T] time from the first sample, s."""
+    return np.asarray(trial.time_s - trial.time_s[0])
 
 
 def _slow(change: Array, turns: float) -> Array:

@@ -27,7 +27,7 @@ from scipy.optimize import nnls
 from mjx_cutting.cutting import arc
 from mjx_cutting.tracing.records.blocks import block_edges, block_means
 from mjx_cutting.tracing.records.course import rate_hz
-from mjx_cutting.tracing.records.even_time import even_time
+from mjx_cutting.tracing.records.even_time import even_time, from_start
 from mjx_cutting.trials.dataset import Dataset, ToolInfo, Trial
 
 Array = NDArray[np.floating]
@@ -53,7 +53,8 @@ def spindle_angle(trial: Trial, speed_rev_s: float) -> Array:
     which was seen to change, 2 pi f on the mean, else 2 pi f t."""
     if trial.spindle_angle_rad is not None:
         return np.unwrap(trial.spindle_angle_rad)
-    return 2.0 * np.pi * speed_rev_s * even_time(trial)
+    even = even_time(trial)
+    return 2.0 * np.pi * speed_rev_s * (from_start(trial) if even is None else even)
 
 
 def stated_speed(trial: Trial) -> float:
@@ -132,7 +133,7 @@ def as_turned(dataset: Dataset) -> Dataset:
 
 def _agreed(trial: Trial, teeth: int) -> Trial:
     measured = trial.spindle_speed_measured_rev_s
-    if measured is None or trial.kind != "cut" or np.array_equal(even_time(trial), _from_start(trial)):
+    if measured is None or trial.kind != "cut" or even_time(trial) is None:
         return trial
     evenly = replace(trial, spindle_speed_measured_rev_s=np.full_like(measured, np.mean(measured)))
     return evenly if _collected(evenly, teeth) > _collected(trial, teeth) else trial
@@ -217,15 +218,11 @@ def _within_reach(trial: Trial, teeth: int) -> tuple[Array, Array] | None:
 def _windowed(trial: Trial) -> tuple[Array, Array]:
     """The record as an even spindle would have shown it, windowed so that a strong line does not leak onto
     the place of a weak one; its times."""
-    signal, time = trial.signals[:, ~np.isnan(trial.signals).any(axis=0)], _from_start(trial)
+    signal, time = trial.signals[:, ~np.isnan(trial.signals).any(axis=0)], from_start(trial)
     even = even_time(trial)
-    if not np.array_equal(even, time):
+    if even is not None:
         signal = np.stack([np.interp(time, even, each) for each in signal.T], axis=-1)
     return (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None], time
-
-
-def _from_start(trial: Trial) -> Array:
-    return np.asarray(trial.time_s - trial.time_s[0])
 
 
 def _candidates(

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.study.designs import plan
-from benchmarks.study.generator import recorded
 from mjx_cutting.tracing import trace
-from mjx_cutting.trials.dataset import Dataset
 
 pytestmark = pytest.mark.slow
 TRIED = ("ploughing", "size_effect", "flank_wear")
 BY_DIRECTION = {"exponent": 0.24, "radial_ratio": 1.75, "axial_ratio": 1.25}
 
 
-def _session(design: str, size_effect: dict[str, float]) -> Dataset:
-    session, trials = recorded(plan(design, 401), {"size_effect": size_effect}, 401)
-    told = {"name": "size", "source": "benchmarks/study", "licence": "Apache-2.0"}
-    return Dataset(**told, tool=session.tool, sensor=session.sensor, trials=trials)
-
-
 @pytest.mark.parametrize("design", ["mill", "turning", "drill"])
-def test_every_direction_that_shows_has_an_exponent_of_its_own(design: str):
-    found = trace(_session(design, BY_DIRECTION), effects=TRIED).verdict
+def test_every_direction_that_shows_has_an_exponent_of_its_own(hiding, design: str):
+    found = trace(hiding({"size_effect": BY_DIRECTION}, design=design), effects=TRIED).verdict
     (named,) = found["effects"]
     assert (found["verdict"], named["name"]) == ("explained", "size_effect")
     values = {name: each["value"] for name, each in named["parameters"].items()}
@@ -33,8 +24,8 @@ def test_every_direction_that_shows_has_an_exponent_of_its_own(design: str):
     assert found["after"]["heldout_nrmse"] < 1.2 * found["noise_floor_nrmse"]
 
 
-def test_one_exponent_is_told_as_one():
-    found = trace(_session("turning", {"exponent": 0.2}), effects=TRIED).verdict
+def test_one_exponent_is_told_as_one(hiding):
+    found = trace(hiding({"size_effect": {"exponent": 0.2}}, design="turning"), effects=TRIED).verdict
     (named,) = found["effects"]
     assert (named["name"], named["parameters"]["exponent"]["value"]) == (
         "size_effect",

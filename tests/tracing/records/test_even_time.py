@@ -47,7 +47,9 @@ def test_the_angle_is_what_the_speed_integrates_to(mill):
     trial, turns = _ramping(mill().trials[1])
     speed = turns[-1] / (trial.time_s[-1] - trial.time_s[0])
     assert spindle_angle(trial, speed) == pytest.approx(2.0 * np.pi * turns, abs=0.02)
-    assert np.abs(even_time(trial) - (trial.time_s - trial.time_s[0])).max() * speed > 0.3
+    even = even_time(trial)
+    assert even is not None
+    assert np.abs(even - (trial.time_s - trial.time_s[0])).max() * speed > 0.3
 
 
 @pytest.mark.parametrize("what", ["noise", "steps", "constant"])
@@ -56,9 +58,10 @@ def test_a_speed_that_is_not_seen_to_change_leaves_the_angle_alone(mill, what: s
     noisy = trial.spindle_speed_rev_s + NOISE_REV_S * rng.standard_normal(len(trial.time_s))
     slow = trial.spindle_speed_rev_s + 0.4 * np.sin(np.linspace(0.0, 3.0, len(noisy)))
     column = {"noise": noisy, "steps": np.round(slow), "constant": np.full_like(noisy, 40.0)}[what]
-    assert np.array_equal(
-        even_time(replace(trial, spindle_speed_measured_rev_s=column)), trial.time_s - trial.time_s[0]
-    )
+    stated = replace(trial, spindle_speed_measured_rev_s=column)
+    assert even_time(stated) is None
+    even = 2.0 * np.pi * 40.0 * (trial.time_s - trial.time_s[0])
+    assert np.array_equal(spindle_angle(stated, 40.0), even)
 
 
 def test_its_mean_speed_is_found_along_the_angle(ramping, mill):
