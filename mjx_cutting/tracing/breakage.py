@@ -8,7 +8,6 @@ after, less a turn on either side.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -21,7 +20,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.spindle import spindle_angle, spindle_speed
-from mjx_cutting.trials.dataset import Dataset, Trial
+from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
 _TURNS = 6
 _SAMPLES_PER_LINE = 3
@@ -97,9 +96,10 @@ def parted_at_breakage(dataset: Dataset) -> Dataset:
     broken = None if between is None else next((each for each in turned if _within(each, *between)), None)
     if between is None or broken is None:
         return dataset
-    parts = tuple(_parts(broken, between[1]))
+    parts, short = _parts(broken, between[1])
     at = dataset.trials.index(broken.trial)
-    return replace(dataset, trials=(*dataset.trials[:at], *parts, *dataset.trials[at + 1 :]))
+    trials = (*dataset.trials[:at], *parts, *dataset.trials[at + 1 :])
+    return replace(dataset, trials=trials, left_out=(*dataset.left_out, *short))
 
 
 def _turned(trial: Trial, teeth: int) -> _Turned:
@@ -123,9 +123,29 @@ def _within(turned: _Turned, low_m: float, high_m: float) -> bool:
     return turned.length_m(0) < low_m and high_m < turned.length_m(len(turned.way_m) - 1)
 
 
-def _parts(broken: _Turned, begins_m: float) -> Iterator[Trial]:
-    """The trial before and after the tooth broke, as far as there are turns enough; `begins_m` is the length
+def _parts(broken: _Turned, begins_m: float) -> tuple[list[Trial], list[LeftOut]]:
+    """The trial before and after the tooth broke, and what of it has too few turns; `begins_m` is the length
     cut at the first block in which it is broken."""
+    breaks = _sample(broken, begins_m)
+    turn = int(np.ceil(2.0 * np.pi / np.mean(np.diff(broken.angle_rad))))
+    when = f"{broken.trial.time_s[breaks] - broken.trial.time_s[0]:.4g} s"
+    found, short = [], []
+    for name, first, last in (("to", 0, breaks - turn), ("from", breaks + turn, len(broken.way_m))):
+        file, turns = f"{broken.trial.file}, {name} {when}", (last - first) / turn
+        if turns >= _FEWEST_TURNS:
+            piece = part_of(broken.trial, broken.way_m, slice(first, last))
+            found.append(replace(piece, file=file))
+        else:
+            why = (
+                f"a tooth breaks at {when}: got {max(turns, 0.0):.1f} turns on this side of it, expected "
+                f"{_FEWEST_TURNS} or more; longer trials keep both sides."
+            )
+            short.append(LeftOut(file, why))
+    return found, short
+
+
+def _sample(broken: _Turned, begins_m: float) -> int:
+    """At which sample the waves of before and after change over."""
     blocks = broken.blocks()
     first = int(np.argmin([abs(broken.length_m(block.start) - begins_m) for block in blocks]))
     before, after = blocks[: max(first - 1, 1)], blocks[min(first + 1, len(blocks) - 1) :]
@@ -135,13 +155,4 @@ def _parts(broken: _Turned, begins_m: float) -> Iterator[Trial]:
         np.sum((force - columns @ broken.lines(slice(side[0].start, side[-1].stop))) ** 2, axis=1)
         for side in (before, after)
     ]
-    breaks = here.start + int(np.argmin(np.cumsum(left[0] - left[1])))
-    turn = int(np.ceil(2.0 * np.pi / np.mean(np.diff(broken.angle_rad))))
-    time_s = broken.trial.time_s - broken.trial.time_s[0]
-    for part, name in (
-        (slice(0, breaks - turn), f"to {time_s[breaks]:.4g} s"),
-        (slice(breaks + turn, len(time_s)), f"from {time_s[breaks]:.4g} s"),
-    ):
-        if part.stop - part.start >= _FEWEST_TURNS * turn:
-            piece = part_of(broken.trial, broken.way_m, part)
-            yield replace(piece, file=f"{broken.trial.file}, {name}")
+    return here.start + int(np.argmin(np.cumsum(left[0] - left[1])))

@@ -21,7 +21,7 @@ def _half(early: Trial, late: Trial, share: float) -> Trial:
     return replace(early, force_n=np.concatenate([early.force_n[:first], late.force_n[first:]]))
 
 
-def _breaking(design: str) -> tuple[Dataset, Trial]:
+def _breaking(design: str, share: float = SHARE) -> tuple[Dataset, Trial]:
     """A session in the middle trial of which a tooth breaks, and that trial."""
     whole, broken = (make(design, hidden, seed=401).dataset for hidden in ({}, {"broken_tooth": "strong"}))
     cuts = [each for each in whole.trials if each.kind == "cut"]
@@ -29,7 +29,7 @@ def _breaking(design: str) -> tuple[Dataset, Trial]:
     trials = []
     for early, late in zip(whole.trials, broken.trials, strict=True):
         if early is middle:
-            trials.append(_half(early, late, SHARE))
+            trials.append(_half(early, late, share))
         else:
             trials.append(early if early.cut_length_before_m < middle.cut_length_before_m else late)
     return replace(whole, trials=tuple(trials)), middle
@@ -53,6 +53,19 @@ def test_the_trial_is_parted_where_the_tooth_breaks(breaking):
     assert after.time_s[0] - before.time_s[-1] < 4.0 * turn_s
     fed_m = middle.feed_speed_m_s * (after.time_s[0] - middle.time_s[0])
     assert after.cut_length_before_m == pytest.approx(middle.cut_length_before_m + fed_m, abs=0.01 * fed_m)
+
+
+def test_what_is_too_short_beside_the_break_is_named_among_what_is_left_out():
+    share = 0.94
+    dataset, middle = _breaking("saw", share)
+    turns = middle.spindle_speed_rev_s * np.ptp(middle.time_s) * (1.0 - share)
+    assert 3.0 < turns < 8.0
+    parted = parted_at_breakage(dataset)
+    names = [each.file for each in parted.trials if each.file.startswith(middle.file)]
+    (left_out,) = parted.left_out
+    assert [name.startswith(f"{middle.file}, to ") for name in names] == [True]
+    assert left_out.file.startswith(f"{middle.file}, from ")
+    assert "a tooth breaks" in left_out.reason and "expected 8 or more" in left_out.reason
 
 
 def test_trials_are_left_whole_where_nothing_breaks_within_one(breaking):
