@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -173,7 +174,21 @@ def fed(cutter: Cutter, advance_m: Array, feed_m: Array, angle: Array) -> Array:
 def carried_over(cutter: Cutter, feed_m: Array, angle: Array, reach_m: Array) -> Array:
     """[..., S, N] chip from the teeth's reach [N] or [..., S, N], m: the least of what each of the N passes
     before left."""
-    return jnp.min(left_standing(cutter, feed_m, angle, reach_m, cutter.lag_rad.shape[0]), axis=-1)
+    return least(left_standing(cutter, feed_m, angle, reach_m, cutter.lag_rad.shape[0]))
+
+
+@jax.custom_jvp
+def least(of_each: Array) -> Array:
+    """[...] the least of [..., M]. Its derivative is that of the first one that is least: JAX's own compares
+    each with the least, and where a compiler calculates them twice, rounded otherwise, is not a number."""
+    return jnp.min(of_each, axis=-1)
+
+
+@least.defjvp
+def _least_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (of_each,), (change,) = primals, tangents
+    first = jnp.argmin(of_each, axis=-1)[..., None] == jnp.arange(of_each.shape[-1])
+    return least(of_each), jnp.sum(jnp.where(first, change, 0.0), axis=-1)
 
 
 def left_standing(cutter: Cutter, feed_m: Array, angle: Array, reach_m: Array, passes: int) -> Array:

@@ -107,6 +107,17 @@ def test_gradient_in_the_effects(float64: None, name: str):
     check_gradient(lambda value: weighed(revolution(model(build(value)), cut(), 90)), at, step)
 
 
+@pytest.mark.parametrize("level", [0, 1, 3])
+def test_gradient_does_not_hang_on_how_it_is_compiled(float64: None, level: int):
+    """What is compared with its own least is rounded as it is then, however often it is calculated."""
+
+    def loss(offset_m: Any) -> Any:
+        return weighed(revolution(model(EFFECTS["offset_m"][0](offset_m)), cut(), 90))
+
+    compiled = jax.jit(jax.grad(loss), compiler_options={"xla_backend_optimization_level": level})
+    np.testing.assert_allclose(compiled(6e-6), jax.grad(loss)(6e-6), rtol=1e-9)
+
+
 @pytest.mark.parametrize(("index", "at", "step"), [(0, 420.0, 1e-3), (1, 0.06, 1e-6)])
 def test_gradient_through_memory(float64: None, index: int, at: float, step: float):
     angle = 2.0 * np.pi * 40.0 * np.arange(100) * 2.5e-4

@@ -24,7 +24,15 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.chip import Chip, Cutter, carried_over, earlier_passes, left_standing, touching
+from mjx_cutting.cutting.chip import (
+    Chip,
+    Cutter,
+    carried_over,
+    earlier_passes,
+    least,
+    left_standing,
+    touching,
+)
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
@@ -111,7 +119,7 @@ class RegenerativeChatter(AbstractEffect):
         beyond = _NO_SURFACE_M * (1.0 - jnp.asarray(self.known).T).at[:, 0].set(0.0)
         # what the chip was before, by the effects ahead, less what the rigid tool would have left of it
         without = jnp.maximum(carried_over(cutter, feed_m, chip.angle_rad, cutter.radius_m), 0.0)
-        bare = chip.thickness_m + jnp.min(left + wave + beyond, axis=-1) - without
+        bare = chip.thickness_m + least(left + wave + beyond) - without
         return chip._replace(
             thickness_m=jnp.maximum(bare, 0.0),
             contact=chip.contact * touching(bare, feed_m / model.tool.teeth),
