@@ -23,6 +23,7 @@ _WIDTHS = (0.05, 0.3)
 _EVALUATIONS = 60
 _SHARPEST_M = 1e-6
 _AGAIN = 3
+_HARDLY = 1e-4
 Array = NDArray[np.floating]
 
 
@@ -67,6 +68,7 @@ def settled(
     for width in _WIDTHS:
         x = np.append(np.log(width * shortest), ends.ravel())
         step = np.append(0.7, np.full(ends.size, 0.5 * width * shortest))
+        least = np.inf
         for _ in range(_AGAIN):
             options = {
                 "initial_simplex": np.vstack([x, x + np.diag(step)]),
@@ -75,6 +77,8 @@ def settled(
                 "fatol": 1e-6,
             }
             best = minimize(missed, x, method="Nelder-Mead", options=options)
-            x = best.x
+            x, gain, least = best.x, least - best.fun, best.fun
+            if gain < _HARDLY * abs(least):
+                break
         found.append(best)
     return list(shapes(min(found, key=lambda each: float(each.fun)).x))

@@ -93,23 +93,33 @@ def stacked_sums(
     read = []
     for course in courses:
         (known, own), wave = _known(course), np.transpose(carrier(course))
+        if course.apart:
+            known[..., :-1], own[:] = 0.0, 0.0
         place = along(course)
         edges = block_edges(len(place), _FEWER_BLOCKS)
         energy = np.add.reduceat(wave**2, edges, axis=1)
         beside = np.add.reduceat(wave[..., None] * known, edges, axis=1)
-        read.append((block_means(place, edges), energy, beside, own, course.apart))
+        read.append((block_means(place, edges), energy, beside, own))
+    # in the blocks that a shorter record lacks there is nothing
+    places, energies, besides, owns = (_padded(each) for each in zip(*read, strict=True))
 
     def at(shapes: Array) -> Sums:
-        squares, cross = [], []
-        for mean, energy, beside, own, apart in read:
-            share = profile(mean, shapes)
-            square = (share * energy[:, None]) @ share.T
-            found = _less_same(square[None], (share @ beside)[None], own, apart)
-            squares.append(found[0])
-            cross.append(found[1])
-        return Sums(np.stack(squares), np.stack(cross))
+        share = profile(places.ravel(), shapes).reshape(len(shapes), *places.shape)
+        share = np.swapaxes(share, 0, 1)[:, None]
+        own = (share * energies[:, :, None]) @ np.swapaxes(share, 2, 3)
+        square, product = _less_same(own, share @ besides, owns, apart=False)
+        return Sums(square[:, None], product[:, None])
 
     return at
+
+
+def _padded(arrays: Sequence[Array]) -> Array:
+    """Arrays as one [R, ...], with zeros behind those that are shorter along an axis."""
+    shape = np.max([each.shape for each in arrays], axis=0)
+    whole = np.zeros((len(arrays), *shape))
+    for row, each in zip(whole, arrays, strict=True):
+        row[tuple(slice(size) for size in each.shape)] = each
+    return whole
 
 
 def harmonic_sums(
@@ -200,7 +210,7 @@ def _less_same(square: Array, cross: Array, own: Array, apart: bool) -> tuple[Ar
     share = np.swapaxes(beside.sum(axis=1), 1, 2)[:, None]  # Q^T C
     mixed = beside @ share
     square = square - mixed - np.swapaxes(mixed, 2, 3) + np.swapaxes(share, 2, 3) @ own[..., :-1] @ share
-    return square, cross[..., -1] - np.einsum("aq,pqk->pak", own[..., -1], share[:, 0])
+    return square, cross[..., -1] - own[..., -1] @ share[:, 0]
 
 
 def solve(found: Sums, use: Array, weight: Array, shared: bool = False) -> tuple[int, Array, Array]:

@@ -57,14 +57,18 @@ def search_slow(
     found = _search(trials, before, weight, names, kinds, *rest)
     if not any(each.accepted is not None and each.accepted.kind.name == LAYERED for each in found):
         return found
+    left, error = less(trials, found), _left_by(found)
+    most = free_in_position(left, error, weight, edge_apart=True)
+    if most < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
+        return found
     other = _search(trials, before, weight, names, of_the_chip(kinds), *rest)
-    return other if _left_by(other) < _MUCH_LESS * _left_by(found) else found
+    return other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
 
 
-def _left_by(rounds: Sequence[SlowRound]) -> float:
+def _left_by(rounds: Sequence[SlowRound]) -> HeldOut:
     """Held-out error beside all that was accepted."""
     last = rounds[-1]
-    return (last.before if last.accepted is None else last.accepted.heldout).nrmse
+    return last.before if last.accepted is None else last.accepted.heldout
 
 
 def _search(

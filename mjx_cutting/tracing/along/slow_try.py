@@ -89,8 +89,11 @@ def fall_of_error(before: HeldOut, after: HeldOut, weight: Array) -> float:
     return float(np.sum((before.error_n2 - after.error_n2) * weight**2))
 
 
-def free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -> float:
-    """Fall of the weighted squared error on held-out trials that force free to vary with position brings."""
+def free_in_position(
+    trials: Sequence[Course], before: HeldOut, weight: Array, edge_apart: bool = False
+) -> float:
+    """Fall of the weighted squared error on held-out trials that force free to vary with position brings, the
+    edge's by itself if `edge_apart`."""
     low = min(float(each.position_m.min()) for each in trials)
     high = max(float(each.position_m.max()) for each in trials)
     knots = np.linspace(low, high, _HATS)
@@ -98,7 +101,8 @@ def free_in_position(trials: Sequence[Course], before: HeldOut, weight: Array) -
 
     def hats(course: Course, shape: Array) -> Array:
         share = np.clip(1.0 - np.abs(course.position_m[:, None] - knots) / width, 0.0, 1.0)
-        return (course.chip_n + course.edge_n)[..., None] * share[:, None, :]
+        waves = (course.chip_n, course.edge_n) if edge_apart else (course.chip_n + course.edge_n,)
+        return np.concatenate([wave[..., None] * share[:, None, :] for wave in waves], axis=-1)
 
     found = sums(hats, trials, np.zeros((1, 1)))
     fall = 0.0

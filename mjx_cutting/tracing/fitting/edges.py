@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import pinvh
 
+from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.fitting.fit import fit_base
@@ -126,8 +127,11 @@ class _Edges:
     def __init__(self, lines: NDArray[np.complexfloating], a_turn: int, shown: Prediction, wide_s: float):
         """`lines` as of `_beyond`, of shapes of which there are so many `a_turn`."""
         averaged = np.sinc(np.arange(lines.shape[1]) * a_turn * shown.speed_rev_s * wide_s)
-        self.shapes = np.fft.irfft(lines * averaged[:, None], axis=1)
+        constant, self.axis = np.nonzero(np.any(lines != 0.0, axis=1))
+        # [P, K] what each constant shows along an axis; a place side by side, as it is looked up
+        self.shapes = np.ascontiguousarray(np.fft.irfft(lines[constant, :, self.axis] * averaged, axis=1).T)
         self.left, self.period = shown.residual_n, 2.0 * np.pi / a_turn
+        self.energy = float(np.sum(self.left**2))
         self.angle, self.way = shown.angle_rad, np.linspace(-0.5, 0.5, len(shown.residual_n))
 
     def best(self) -> Array:
@@ -152,27 +156,33 @@ class _Edges:
         return place
 
     def at(self, place: Place) -> Array:
-        """[T, 3] what is shown at the angles turned and stretched so."""
-        angle = self.angle + place[0] + place[1] * self.way
-        places = self.shapes.shape[1]
-        shapes = self.shapes[:, np.round(angle / self.period * places).astype(int) % places]
-        return _fitted(shapes, self.left)
+        """[T, 3] what is shown at the angles turned and stretched so: of each axis the combination of its
+        shapes that is nearest to what is left."""
+        columns = self._columns(place)
+        return columns @ self._strengths(*self._products(columns))
 
     def missed(self, place: Place) -> float:
         """Squared error that is left then."""
-        return float(np.sum((self.left - self.at(place)) ** 2))
+        square, product = self._products(self._columns(place))
+        return self.energy - float(np.sum(product * self._strengths(square, product)))
 
+    def _columns(self, place: Place) -> Array:
+        """[T, K] the shapes at the angles turned and stretched so."""
+        angle = self.angle + place[0] + place[1] * self.way
+        places = len(self.shapes)
+        return self.shapes[np.round(angle / self.period * places).astype(int) % places]
 
-def _fitted(shapes: Array, left_n: Array) -> Array:
-    """[T, 3] the combination of shapes [C, T, 3] that is nearest to what is left [T, 3], axis by axis."""
-    found = np.zeros_like(left_n)
-    for axis in range(left_n.shape[1]):
-        columns = shapes[..., axis]
-        columns = columns[np.any(columns != 0.0, axis=1)]
-        gram = columns @ columns.T
-        weights = pinvh(gram, rtol=1e-9) @ (columns @ left_n[:, axis])
-        found[:, axis] = weights @ columns
-    return found
+    def _products(self, columns: Array) -> tuple[Array, Array]:
+        """[K, K] of the shapes with each other, [K, 3] with what is left."""
+        return columns.T @ columns, columns.T @ self.left
+
+    def _strengths(self, square: Array, product: Array) -> Array:
+        """[K, 3] of each shape along its axis."""
+        found = np.zeros_like(product)
+        for axis in range(product.shape[1]):
+            own = np.flatnonzero(self.axis == axis)
+            found[own, axis] = pinvh(square[np.ix_(own, own)], rtol=1e-9) @ product[own, axis]
+        return found
 
 
 def _beyond(
@@ -188,7 +198,7 @@ def _beyond(
     return np.asarray(lines * np.asarray(gain)[0][:, None] * np.array(problem.alive))
 
 
-@partial(jax.jit, static_argnames=("a_turn", "places"))
+@partial(_platform.jit, static_argnames=("a_turn", "places"))
 def _each_alone(
     tool: Tool, effects: tuple[AbstractEffect, ...], cut: Cut, a_turn: int, places: int
 ) -> jax.Array:
