@@ -33,7 +33,11 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 CPU_COMPILER_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
-CPU_OPTIONS_FOR_ONE_CALL = {**CPU_COMPILER_OPTIONS, "xla_backend_optimization_level": 0}
+CPU_OPTIONS_FOR_FEW_CALLS = {
+    **CPU_COMPILER_OPTIONS,
+    "xla_backend_optimization_level": 0,
+    "xla_llvm_disable_expensive_passes": True,
+}
 
 _REPORTED = (
     "mjx-cutting", "jax", "jaxlib", "mujoco", "mujoco-mjx", "brax", "flax", "optax", "equinox", "optimistix",
@@ -107,10 +111,11 @@ def jit(function: Callable[..., Any] | None = None, **jit_kwargs: Any) -> Any:
     return PlatformJit(function, **jit_kwargs)
 
 
-def jit_for_one_call(function: Callable[..., Any]) -> Any:
+def jit_for_few_calls(function: Callable[..., Any], **jit_kwargs: Any) -> Any:
     """Returns `function` jitted, on a CPU backend without LLVM's optimisation: what runs once, as the making
-    of a first state, is compiled several times as fast and runs slower."""
-    return PlatformJit(function, CPU_OPTIONS_FOR_ONE_CALL)
+    of a first state, or seldom against what it takes to compile, is compiled several times as fast and runs
+    slower. `jit_kwargs` as of `jit`."""
+    return PlatformJit(function, CPU_OPTIONS_FOR_FEW_CALLS, **jit_kwargs)
 
 
 def _is_traced(arguments: Any) -> bool:

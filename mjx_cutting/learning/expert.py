@@ -93,7 +93,7 @@ def train_policy(
 
     training = Training(
         title=strategy,
-        initialise=lambda: _platform.jit_for_one_call(shards.on_each(initialise))(
+        initialise=lambda: _platform.jit_for_few_calls(shards.on_each(initialise))(
             keys if seeds > 1 else keys[0]
         ),
         iterate=shards.on_all(iterate),

@@ -81,7 +81,7 @@ def train_all(
     values = {
         name: jnp.repeat(jnp.asarray([p[name] for p in proposals], jnp.float32), seeds) for name in names
     }
-    state = _platform.jit_for_one_call(jax.vmap(start))(values, jnp.tile(keys, (len(proposals), 1)))
+    state = _platform.jit_for_few_calls(jax.vmap(start))(values, jnp.tile(keys, (len(proposals), 1)))
     iterate = _platform.jit(jax.vmap(advance))
     total, ended = np.zeros(len(proposals) * seeds), np.zeros(len(proposals) * seeds)
     fine = np.ones(len(proposals) * seeds, bool)

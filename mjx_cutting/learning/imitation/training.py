@@ -77,7 +77,7 @@ def imitate(
 
     training = Training(
         title=strategy,
-        initialise=lambda: _platform.jit_for_one_call(algorithm.initialise)(jax.random.PRNGKey(seed)),
+        initialise=lambda: _platform.jit_for_few_calls(algorithm.initialise)(jax.random.PRNGKey(seed)),
         iterate=algorithm.iterate,
         iterations=config.rounds,
         steps_per_iteration=0,

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, Material
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
@@ -109,6 +110,6 @@ def _by_fold(
     return shares[0], shares[1]
 
 
-@jax.jit
+@_platform.jit_for_few_calls
 def _lines(problem: Problem, model: ForceModel) -> jax.Array:
     return model_lines(problem, model)

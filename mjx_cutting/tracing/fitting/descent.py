@@ -20,6 +20,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fitting.fit import STIFFNESS, Effects, Fit, in_air
 from mjx_cutting.tracing.fitting.problem import (
@@ -33,7 +34,6 @@ from mjx_cutting.tracing.fitting.problem import (
 )
 from mjx_cutting.tracing.fitting.residual import marks, residual_beside, residual_of_lines
 
-_COMPILER = {"xla_backend_optimization_level": 1}
 _ROWS = 8
 _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
@@ -276,7 +276,7 @@ def _scale(normal: Matrix) -> Matrix:
     return np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(normal) + 1e-12)
 
 
-@partial(jax.jit, static_argnums=2, compiler_options=_COMPILER)
+@partial(_platform.jit_for_few_calls, static_argnums=2)
 def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array, ForceModel]:
     def one(x: Array) -> tuple[Array, Array, Array, ForceModel]:
         model = jax.tree.map(jnp.asarray, model_at(problem, x, effects))
@@ -287,7 +287,7 @@ def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, 
     return jax.vmap(one)(x)
 
 
-@jax.jit
+@_platform.jit
 def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Array, Array, Array]:
     def one(lines: Array, bias_n: Array) -> tuple[Array, Array, Array, Array]:
         found = residual_of_lines(problem, lines, bias_n)
@@ -296,11 +296,11 @@ def _compare(problem: Problem, lines: Array, bias_n: Array) -> tuple[Array, Arra
     return jax.vmap(one)(lines, bias_n)
 
 
-@jax.jit
+@_platform.jit
 def _beside(problem: Problem, lines: Array, bias_n: Array, phase_rad: Array, turning: Array) -> Array:
     return jax.vmap(partial(residual_beside, problem))(lines, bias_n, phase_rad, turning)
 
 
-@jax.jit
+@_platform.jit
 def _marks(problem: Problem, lines: Array, phase_rad: Array) -> Array:
     return jax.vmap(partial(marks, problem, phase_rad=phase_rad))(lines)

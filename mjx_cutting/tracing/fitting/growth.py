@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fitting.fit import Fit
 from mjx_cutting.tracing.fitting.moving import MovingLines, wave
@@ -44,7 +45,7 @@ def growth_n2(problem: Problem, lines: Lines, fits: Fit, own: NDArray[np.int64])
     return change
 
 
-@jax.jit
+@_platform.jit_for_few_calls
 def _along(problem: Problem, models: ForceModel, bias_n: Array, own: Array) -> tuple[Array, Array, Array]:
     """[R, K, orders + 1, 3] lines along every trial, [R] its phase, [R, 3] its bias, by its fold's model."""
 

@@ -176,7 +176,7 @@ def grows(effects: Iterable[AbstractEffect | type[AbstractEffect]]) -> bool:
     return any("cut length" in effect.needs for effect in effects)
 
 
-@partial(jax.jit, static_argnums=2)
+@partial(_platform.jit_for_few_calls, static_argnums=2)
 def along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array:
     """[R, K, orders + 1, 3] lines at even steps along the path of every trial, N."""
 
@@ -191,7 +191,7 @@ def along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array
     return jnp.moveaxis(jax.lax.map(at, jnp.linspace(-0.5, 0.5, knots)), 0, 1)
 
 
-@jax.jit
+@_platform.jit_for_few_calls
 def _solved(
     problem: Problem, model: ForceModel, shared_bias_n: jax.Array, places: jax.Array | None
 ) -> tuple[jax.Array, Residual]:

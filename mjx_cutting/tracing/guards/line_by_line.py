@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
@@ -55,7 +56,7 @@ def _responds(kind: type[AbstractEffect]) -> bool:
     return kind.transfer is not AbstractEffect.transfer and not kind.by_position
 
 
-@partial(jax.jit, static_argnums=1)
+@partial(_platform.jit_for_few_calls, static_argnums=1)
 def _gains(problem: Problem, effects: Effects, x: jax.Array) -> tuple[jax.Array, jax.Array]:
     """[M] weighted residual, and [2, orders, M] what a gain and a lag of each line would add to the model."""
     lines = model_lines(problem, model_at(problem, x, effects))

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mjx_cutting import _platform
 from mjx_cutting.cutting import Cut, ForceModel, arc
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
 from mjx_cutting.tracing.fitting.residual import as_measured, residual_of_lines
@@ -122,7 +123,7 @@ def _changed(
     return changed
 
 
-@jax.jit
+@_platform.jit_for_few_calls
 def _apart(
     problem: Problem, first: ForceModel, second: ForceModel, bias_n: jax.Array, other_n: jax.Array
 ) -> jax.Array:
