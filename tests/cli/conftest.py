@@ -16,14 +16,18 @@ Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
 @pytest.fixture
 def command(tmp_path: Path) -> Command:
-    """Runs `mjx-cutting` with these words in an empty folder, in a process that ran `first` before."""
+    """Runs `mjx-cutting` with these words in an empty folder, in a process that ran `first` before; compiled
+    as for a user."""
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
 
     def run(*words: object, first: str = "") -> subprocess.CompletedProcess[str]:
         become = (
             "import os, sys; os.execv(sys.executable, [sys.executable, '-m', 'mjx_cutting', *sys.argv[1:]])"
         )
         line = [sys.executable, "-c", f"{first}\n{become}", *map(str, words)]
-        return subprocess.run(line, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+        return subprocess.run(
+            line, capture_output=True, text=True, timeout=300, cwd=tmp_path, env=environment
+        )
 
     return run
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,11 +12,11 @@ import pytest
 from mjx_cutting.sim import CuttingEnv, EnvConfig, TrainingWrapper
 
 
-def play(batch, steps, hold, seed=0):
+def play(options, batch, steps, hold, seed=0):
     """Sums over a batch of random actions, each held for `hold` steps; half at the range's corners."""
     wrapper = TrainingWrapper(CuttingEnv(EnvConfig()))
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=options)
     def run(key):
         state = wrapper.reset(jax.random.split(key, batch))
 
@@ -52,19 +54,19 @@ def check(sums):
     assert np.isfinite(sums["speed"]) and sums["speed"] < 20.0
 
 
-def test_random_actions_stay_finite():
-    check(play(batch=64, steps=700, hold=20))
+def test_random_actions_stay_finite(optimised):
+    check(play(optimised, batch=64, steps=700, hold=20))
 
 
 @pytest.mark.slow
-def test_ten_thousand_random_actions_in_256_environments_stay_finite():
-    sums = play(batch=256, steps=10_000, hold=1)
+def test_ten_thousand_random_actions_in_256_environments_stay_finite(optimised):
+    sums = play(optimised, batch=256, steps=10_000, hold=1)
     check(sums)
     assert sums["ended"] > 256
 
 
 @pytest.mark.slow
-def test_ten_thousand_held_actions_in_256_environments_stay_finite():
-    sums = play(batch=256, steps=10_000, hold=40, seed=1)
+def test_ten_thousand_held_actions_in_256_environments_stay_finite(optimised):
+    sums = play(optimised, batch=256, steps=10_000, hold=40, seed=1)
     check(sums)
     assert sums["failed"] < 0.5 * sums["ended"]
