@@ -70,7 +70,7 @@ def answer(question: Question, peers: bool = False) -> dict[str, Any]:
 def beside(question: Question, effects: dict[str, Any], found: Any) -> dict[str, float]:
     """Error at new speeds and feeds of the base model, the model found, and each peer."""
     from benchmarks.study import peers
-    from mjx_cutting.tracing.fitting.prediction import predict_trials
+    from mjx_cutting.tracing.along.predicted import predict_trials
 
     new = peers.unbiased(make(question.design, effects, question.seed, new=True))
     train = peers.unbiased(make(question.design, effects, question.seed))

@@ -1,6 +1,7 @@
 """From measured trials to the physical effect a force model lacks, and the error before and after."""
 
-from mjx_cutting.tracing.fitting.prediction import Prediction, predict_trials
+from mjx_cutting.tracing.along.predicted import predict_trials
+from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.trace import Tracing, save, trace
 
 __all__ = ["Prediction", "Tracing", "predict_trials", "save", "trace"]

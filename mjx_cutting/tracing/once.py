@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
+from mjx_cutting.tracing.along.predicted import without_force
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.by_place import by_place
 from mjx_cutting.tracing.fitting.edges import as_found, without_edges
@@ -113,7 +114,7 @@ def _freed(first: Pass, kinds: Sequence[type[AbstractEffect]], searches: Searche
     for made in range(1 if hidden else _MOST_TIMES):
         error = found.final.nrmse
         searches.progress("once more, without what was found along the trials")
-        rest = _refitted(first, _without(first.dataset, taken), kinds, share, searches)
+        rest = _refitted(first, without_force(first.dataset, taken), kinds, share, searches)
         after, before = _on_the_whole(first.dataset, rest, taken)
         search = replace(rest.search, base=first.search.base)
         lines = replace(rest.lines, energy_n2=first.lines.energy_n2)
@@ -191,14 +192,6 @@ def _swallowed(found: Pass) -> float:
 def _added(parts: Sequence[Sequence[Array]]) -> list[Array]:
     """[T, 3] by trial the sum of several effects, each by trial."""
     return [np.sum(of_one, axis=0) for of_one in zip(*parts, strict=True)]
-
-
-def _without(dataset: Dataset, force_n: Sequence[Array]) -> Dataset:
-    """The data set less [T, 3] a force in each cut trial."""
-    rest, trials = iter(force_n), []
-    for trial in dataset.trials:
-        trials.append(replace(trial, force_n=trial.force_n - next(rest)) if trial.kind == "cut" else trial)
-    return replace(dataset, trials=tuple(trials))
 
 
 def _on_the_whole(

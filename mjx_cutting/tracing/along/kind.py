@@ -27,6 +27,8 @@ class Kind:
         columns: [T, 3, k] what one shape adds for each unit coefficient.
         sums: the sufficient statistics of many shapes, where there is a faster way than by `columns`.
         build: the effect from a shape [d] and coefficients [k].
+        parts: the shape [d] and the coefficients [k] that `build` makes an effect from; None where its force
+            is predicted otherwise, from lines that move along the path.
         own_phase: whether the effect starts each trial at a phase of its own, as a line that nothing ties to
             the trial does; its coefficients are then cosines [k / 2] and sines [k / 2].
         rather: why an effect found is more likely something else, in words; "" where it is not.
@@ -43,6 +45,7 @@ class Kind:
     grid: Callable[[Sequence[Course]], Array]
     columns: Callable[[Course, Array], Array]
     build: Callable[[Array, Array], AbstractEffect]
+    parts: Callable[[AbstractEffect], tuple[Array, Array]] | None = None
     own_phase: bool = False
     several: bool = False
     shared: bool = False
@@ -65,3 +68,9 @@ class Kind:
 def as_values(effect: AbstractEffect) -> dict[str, Any]:
     """Parameter values of an effect as arrays, by name."""
     return {name: np.asarray(value, dtype=float) for name, value in effect.values().items()}
+
+
+def listed(effect: AbstractEffect, *names: str) -> Array:
+    """[n] values of an effect's scalar parameters, in the order of the `names`."""
+    values = as_values(effect)
+    return np.array([float(values[name]) for name in names])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.tracing.along.at_teeth import SHORTEST_M
-from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.kind import Kind, listed
 from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
@@ -127,6 +127,12 @@ def _effect(shape: Array, c: Array) -> AbstractEffect:
     )
 
 
+def _parts(effect: AbstractEffect) -> tuple[Array, Array]:
+    amplitude, phase = listed(effect, "amplitude", "phase_rad")
+    shape = listed(effect, "wavelength_m", "edge_share", "tooth_place")
+    return shape, amplitude * np.array([np.cos(phase), np.sin(phase)])
+
+
 def _near(shapes: Array, here: Array, zoom: float) -> Array:
     waves = 1.0 / shapes[:, 0]
     step = abs(waves[1] - waves[0]) / zoom if len(waves) > 1 else 1.0
@@ -140,6 +146,7 @@ PERIODIC = Kind(
     _shapes,
     _columns,
     _effect,
+    _parts,
     several=True,
     refine=_near,
     sums=_sums,

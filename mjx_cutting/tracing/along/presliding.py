@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
-from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.kind import Kind, listed
 from mjx_cutting.tracing.along.shapes import solve, sums
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
@@ -73,6 +73,10 @@ def _effect(shape: Array, c: Array) -> AbstractEffect:
     )
 
 
+def _parts(effect: AbstractEffect) -> tuple[Array, Array]:
+    return listed(effect, "presliding_m"), listed(effect, "coulomb_n", "viscous_n_s_m")
+
+
 def _in_time(course: Course, shape: Array) -> Array:
     columns = _drag(course, np.ones(1))
     columns[:, 0, 0] = np.expm1(-np.maximum(course.time_s - course.delay_s, 0.0) / shape[0])
@@ -109,6 +113,7 @@ HYSTERESIS = Kind(
     _distances,
     _drag,
     _effect,
+    _parts,
     rather=rather_in_time,
     refine=_near,
     untold=("stiction", "viscous_n_s_m"),

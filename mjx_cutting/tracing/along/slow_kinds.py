@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.cutting.effects.layered_material import BORDER_M
 from mjx_cutting.tracing.along.end_layer import at_the_end
-from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.kind import Kind, as_values, listed
 from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, profiled_sums, stacked_sums
@@ -65,6 +65,10 @@ def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
     return np.asarray([each for each in near if each[1] > 0.2 * step])
 
 
+def _parts_of_layer(effect: AbstractEffect) -> tuple[Array, Array]:
+    return listed(effect, "start_m", "length_m", "border_m"), listed(effect, "change")
+
+
 def _layers_of(edge_share: float) -> Kind:
     """Layers in which the edge constants change by a share of what those of the chip do."""
 
@@ -85,6 +89,7 @@ def _layers_of(edge_share: float) -> Kind:
         _layers,
         columns,
         effect,
+        _parts_of_layer,
         several=True,
         shared=True,
         rather=at_the_end,
@@ -120,6 +125,14 @@ def _mains_sums(courses: Sequence[Course], shapes: Array) -> Sums:
 def _mains_effect(shape: Array, c: Array) -> AbstractEffect:
     return effect_class("mains_pickup")(
         amplitude_n=np.hypot(c[:3], c[3:]), phase_rad=np.arctan2(c[3:], c[:3]), frequency_hz=float(shape[0])
+    )
+
+
+def _parts_of_mains(effect: AbstractEffect) -> tuple[Array, Array]:
+    values = as_values(effect)
+    amplitude, phase = values["amplitude_n"], values["phase_rad"]
+    return listed(effect, "frequency_hz"), np.concatenate(
+        [amplitude * np.cos(phase), amplitude * np.sin(phase)]
     )
 
 
@@ -170,6 +183,7 @@ KINDS: tuple[Kind, ...] = (
         _mains,
         _mains_columns,
         _mains_effect,
+        _parts_of_mains,
         own_phase=True,
         several=True,
         rather=_mains_of_the_spindle,
@@ -179,6 +193,12 @@ KINDS: tuple[Kind, ...] = (
     HYSTERESIS,
 )
 """Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
+
+
+def kind_of(effect: AbstractEffect) -> Kind | None:
+    """How an effect along the trial is looked for, the ends of the sheet left out; None where it is not."""
+    found = next((kind for kind in KINDS if kind.effect is type(effect)), None)
+    return _layers_of(float(listed(effect, "edge_share")[0])) if found is _LAYERS else found
 
 
 def of_the_chip(kinds: Sequence[Kind]) -> tuple[Kind, ...]:

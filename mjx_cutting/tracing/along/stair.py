@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
-from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.kind import Kind, listed
 from mjx_cutting.tracing.records.course import Course
 
 Array = NDArray[np.floating]
@@ -73,10 +73,15 @@ def _effect(shape: Array, c: Array) -> AbstractEffect:
     return effect_class("command_stair")(share=float(c[0]), period_s=float(shape[0]))
 
 
+def _parts(effect: AbstractEffect) -> tuple[Array, Array]:
+    return listed(effect, "period_s"), listed(effect, "share")
+
+
 STAIR = Kind(
     "command_stair",
     lambda courses: all(each.feed_share is not None for each in courses),
     _periods,
     _stair,
     _effect,
+    _parts,
 )

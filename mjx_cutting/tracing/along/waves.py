@@ -37,11 +37,11 @@ def courses(
     problem: Problem,
     model: ForceModel,
     after: Sequence[Prediction],
-    folds: ForceModel,
+    folds: ForceModel | None = None,
 ) -> tuple[Course, ...]:
     """The cut trials as slow effects see them, under the best steady model and its predictions.
 
-    `folds` is the same model fitted without each fold, leaves [F, ...].
+    `folds` is the same model fitted without each fold, leaves [F, ...]; None where it was not fitted.
     """
     chip_lines, edge_lines = _chip_and_edge(problem, model)
     chip_share, edge_share = _by_fold(problem, folds, chip_lines, edge_lines)
@@ -94,10 +94,10 @@ def _chip_and_edge(problem: Problem, model: ForceModel) -> tuple[Complex, Comple
 
 
 def _by_fold(
-    problem: Problem, folds: ForceModel, chip_lines: Complex, edge_lines: Complex
+    problem: Problem, folds: ForceModel | None, chip_lines: Complex, edge_lines: Complex
 ) -> tuple[Array, Array]:
     """[F, R, 3] the chip's and the edge's force with each fold left out, as shares of those of all trials."""
-    count = len(np.asarray(folds.material.K_tc_n_m2))
+    count = 0 if folds is None else len(np.asarray(folds.material.K_tc_n_m2))
     shares = np.ones((2, count, problem.trials, 3))
     for fold in range(count):
         model = jax.tree.map(lambda leaf, fold=fold: leaf[fold], folds)

@@ -23,13 +23,12 @@ from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
 from mjx_cutting.tracing.fitting.moving import MovingLines, wave
-from mjx_cutting.tracing.fitting.problem import Problem, by_position, model_lines, pose
+from mjx_cutting.tracing.fitting.problem import Problem, by_position, model_lines
 from mjx_cutting.tracing.fitting.residual import Residual, residual_of_lines
 from mjx_cutting.tracing.fitting.tuned import tuned_angle
 from mjx_cutting.tracing.records.course import along_path
-from mjx_cutting.tracing.records.levels import as_levels
-from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band
-from mjx_cutting.tracing.records.spindle import as_turned, spindle_angle, stated_speed
+from mjx_cutting.tracing.records.lines import Lines, band_limit
+from mjx_cutting.tracing.records.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset
 
 _KNOTS = 65
@@ -69,31 +68,6 @@ def energy(records: Sequence[Array]) -> float:
     return sum(float(np.sum(each**2)) for each in records)
 
 
-def predict_trials(
-    dataset: Dataset, model: ForceModel, band_hz: tuple[float, float] | None = None
-) -> tuple[Prediction, ...]:
-    """Predictions of every cut trial of a dataset under `model`.
-
-    Arguments:
-        dataset: measured trials.
-        model: force model, from tracing or from a model.json; the tool is the data set's.
-        band_hz: band compared, Hz; default the anti-alias filter's corner or half the sampling rate.
-
-    A trial's speed is looked for within 1 % of the stated one, or of what the model's droop makes of it.
-    """
-    with _platform.x64():
-        dataset = as_turned(as_levels(dataset))
-        stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])
-        lines = compress(dataset, trusted_band(dataset, band_hz), loaded_about(dataset, model, stated))
-        problem = pose(dataset, lines)
-        found = predictions(dataset, lines, problem, model)
-        if not problem.shared_bias:
-            return found
-        # a sensor zeroed once a session has one bias: the mean of what is left of all trials
-        bias = np.mean([each.residual_n.mean(axis=0) for each in found], axis=0)
-        return predictions(dataset, lines, problem, model, bias)
-
-
 def predictions(
     dataset: Dataset,
     lines: Lines,
@@ -103,9 +77,11 @@ def predictions(
     only: Collection[int] | None = None,
     turn_rad: ArrayLike = 0.0,
 ) -> tuple[Prediction, ...]:
-    """The same from parts already made (call it in float64); the speeds are those of `lines`, but where lines
-    move along the path. `only`: places of the trials that matter, whose angle is found again under moving
-    lines; default all; `turn_rad` [R]: by how much further than fitted the tool of each trial is turned."""
+    """Predictions of every cut trial under a `model` of effects that lines hold (call it in float64).
+
+    The speeds are those of `lines`, but where lines move along the path. `only`: places of the trials that
+    matter, whose angle is found again under moving lines; default all; `turn_rad` [R]: by how much further
+    than fitted the tool of each trial is turned."""
     model, _ = _at_loaded_speed(model)
     knots = _KNOTS if by_position(model) else FEW_KNOTS if grows(model.effects) else 0
     places = along_the_path(problem, model, knots) if knots else None

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import ForceModel
-from mjx_cutting.tracing.fitting.prediction import Prediction, predict_trials
+from mjx_cutting.tracing.along.predicted import predict_trials
+from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.trials.dataset import Dataset

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mjx_cutting.tracing.along.layers import together
 from mjx_cutting.tracing.along.shapes import Sums, solve, sums
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.records.course import Course
@@ -41,6 +42,17 @@ def test_fast_sums_are_those_of_the_samples(kind, apart):
     exact, fast = sums(kind.columns, trials, few), kind.sums_of(trials, few)
     for left, right in ((exact.square, fast.square), (exact.product, fast.product)):
         np.testing.assert_allclose(right, left, atol=1e-5 * np.abs(left).max())
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_sums_of_a_stack_are_those_of_the_samples(apart):
+    """Of records as short as the blocks are, exactly; however much longer one is than another."""
+    layers = next(each for each in KINDS if each.stack is not None)
+    trials = [course(1500, 0.002, apart), course(2000, 0.004, apart)]
+    shapes = np.array([[0.001, 0.001, 1e-4], [0.0015, 0.002, 3e-4], [0.004, 0.002, 1e-4]])
+    exact, fast = together(layers, trials, shapes), layers.stack(trials)(shapes)
+    for left, right in ((exact.square, fast.square), (exact.product, fast.product)):
+        np.testing.assert_allclose(right, left, atol=1e-9 * np.abs(left).max())
 
 
 def test_a_layer_that_one_trial_alone_reaches_hides_none_that_several_show():

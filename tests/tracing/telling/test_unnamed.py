@@ -12,7 +12,7 @@ from benchmarks.study import make
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
 from mjx_cutting.cutting.effects.unnamed_gain import CONDITIONS, UnnamedGain
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.fitting.prediction import predict_trials
+from mjx_cutting.tracing.along.predicted import predict_trials
 from mjx_cutting.tracing.trace import save
 
 
