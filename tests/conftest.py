@@ -7,7 +7,6 @@ import os
 import signal
 import tempfile
 from pathlib import Path
-from typing import Any
 
 # Before anything loads JAX: workers, and processes that tests start, compile each program once.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -17,7 +16,7 @@ os.environ.setdefault(
     str(Path(tempfile.gettempdir()) / f"mjx-cutting-tests-xla-{getpass.getuser()}"),
 )
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-# Most of what tests run is compiled for one call: quickly, so. What runs for long asks for `optimised`.
+# Most of what tests run is compiled for one call: quickly, so. What runs for long asks for `OPTIMISED`.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0 "
@@ -30,16 +29,6 @@ import pytest
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
-
-
-@pytest.fixture(scope="session")
-def optimised() -> dict[str, Any]:
-    """Options of `jax.jit` for a program that runs for long: as users' programs are compiled by default."""
-    return {
-        "xla_cpu_use_fusion_emitters": True,
-        "xla_backend_optimization_level": 3,
-        "xla_llvm_disable_expensive_passes": False,
-    }
 
 
 @pytest.fixture(scope="session")

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from mjx_cutting.sim import CuttingEnv, EnvConfig, TrainingWrapper
+from tests.optimised import OPTIMISED
 
 
-def play(options, batch, steps, hold, seed=0):
+def play(batch, steps, hold, seed=0):
     """Sums over a batch of random actions, each held for `hold` steps; half at the range's corners."""
     wrapper = TrainingWrapper(CuttingEnv(EnvConfig()))
 
-    @partial(jax.jit, compiler_options=options)
+    @partial(jax.jit, compiler_options=OPTIMISED)
     def run(key):
         state = wrapper.reset(jax.random.split(key, batch))
 
@@ -54,19 +55,19 @@ def check(sums):
     assert np.isfinite(sums["speed"]) and sums["speed"] < 20.0
 
 
-def test_random_actions_stay_finite(optimised):
-    check(play(optimised, batch=64, steps=700, hold=20))
+def test_random_actions_stay_finite():
+    check(play(batch=64, steps=700, hold=20))
 
 
 @pytest.mark.slow
-def test_ten_thousand_random_actions_in_256_environments_stay_finite(optimised):
-    sums = play(optimised, batch=256, steps=10_000, hold=1)
+def test_ten_thousand_random_actions_in_256_environments_stay_finite():
+    sums = play(batch=256, steps=10_000, hold=1)
     check(sums)
     assert sums["ended"] > 256
 
 
 @pytest.mark.slow
-def test_ten_thousand_held_actions_in_256_environments_stay_finite(optimised):
-    sums = play(optimised, batch=256, steps=10_000, hold=40, seed=1)
+def test_ten_thousand_held_actions_in_256_environments_stay_finite():
+    sums = play(batch=256, steps=10_000, hold=40, seed=1)
     check(sums)
     assert sums["failed"] < 0.5 * sums["ended"]

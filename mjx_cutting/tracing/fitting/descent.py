@@ -34,6 +34,7 @@ from mjx_cutting.tracing.fitting.problem import (
 )
 from mjx_cutting.tracing.fitting.residual import marks, residual_beside, residual_of_lines
 
+_COMPILER = {"xla_backend_optimization_level": 1}
 _ROWS = 8
 _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
@@ -276,7 +277,7 @@ def _scale(normal: Matrix) -> Matrix:
     return np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(normal) + 1e-12)
 
 
-@partial(_platform.jit_for_few_calls, static_argnums=2)
+@partial(_platform.jit, static_argnums=2, compiler_options=_COMPILER)
 def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array, ForceModel]:
     def one(x: Array) -> tuple[Array, Array, Array, ForceModel]:
         model = jax.tree.map(jnp.asarray, model_at(problem, x, effects))

@@ -156,7 +156,7 @@ def by_differences(function: Callable[[Array], Array]) -> Callable[[Array], Arra
     return differenced
 
 
-@partial(_platform.jit_for_few_calls, static_argnums=1)
+@partial(_platform.jit, static_argnums=1, compiler_options={"xla_backend_optimization_level": 1})
 def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) -> Fit:
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
 

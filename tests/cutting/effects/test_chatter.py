@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, effect_class
+from tests.optimised import OPTIMISED
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -56,7 +57,7 @@ def multipliers(depth_mm: float, rpm: float, the_model: ForceModel | None = None
         state, _, _ = the_model.step(((response, past), *rest), cut(depth_mm, rpm), period, STEPS)
         return jnp.concatenate([state[0][0][:, 0], state[0][1][: STEPS + 1, 0]])
 
-    slope = jax.jit(jax.jacfwd(after))(jnp.zeros(STEPS + 3))
+    slope = jax.jit(jax.jacfwd(after), compiler_options=OPTIMISED)(jnp.zeros(STEPS + 3))
     return np.linalg.eigvals(np.asarray(slope))
 
 
@@ -88,7 +89,9 @@ def record(depth_mm: float, rpm: float, turns: int) -> np.ndarray:
     steps = 320 * turns
     time = jnp.arange(steps) / (speed * 320)
     here = cut(depth_mm, rpm, 1e-4).replace(angle_rad=2.0 * jnp.pi * speed * time, time_s=time)
-    return np.asarray(jax.jit(ForceModel.predict)(the_model, here, 1.0 / (speed * 320)))
+    return np.asarray(
+        jax.jit(ForceModel.predict, compiler_options=OPTIMISED)(the_model, here, 1.0 / (speed * 320))
+    )
 
 
 def test_chatter_grows_to_lines_off_the_spindle_and_stays_bounded():
@@ -114,7 +117,9 @@ def test_chatter_saturates_however_deep_the_cut(times: float):
     speed = rpm / 60.0
     time = jnp.arange(2 * steps * turns) / (speed * 2 * steps)
     here = cut(depth, rpm, feed).replace(angle_rad=2.0 * jnp.pi * speed * time, time_s=time)
-    force = np.asarray(jax.jit(ForceModel.predict)(the_model, here, 1.0 / (speed * 2 * steps)))[:, :2]
+    force = np.asarray(
+        jax.jit(ForceModel.predict, compiler_options=OPTIMISED)(the_model, here, 1.0 / (speed * 2 * steps))
+    )[:, :2]
     early, late = force[len(force) // 3 : 2 * len(force) // 3], force[2 * len(force) // 3 :]
     assert np.abs(late).max() < 1.2 * np.abs(early).max() < 20.0 * 6e8 * depth * 1e-3 * feed
     # a slot's mean force in y is N b K_t c / 4, whatever is left standing by one tooth another takes
