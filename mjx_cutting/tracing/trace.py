@@ -220,7 +220,8 @@ def _where_engaged(
     found: Pass, one_pass: Callable[[Dataset], Pass], with_ends: bool
 ) -> tuple[Pass, Engaged | None]:
     """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
-    finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them."""
+    finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them. Where
+    the ends of the sheet are known and that leaves more, they may lie within most of the way in."""
     if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return found, None
     known = any(kind.name == ENDS for kind in found.kinds)
@@ -228,7 +229,8 @@ def _where_engaged(
     if part is None:
         return found, None
     inside = one_pass(part.dataset)
-    return entered(found, inside, part, one_pass) if with_ends else inside, part
+    inside = entered(found, inside, part, one_pass) if with_ends else inside
+    return (found, None) if known and found.final.nrmse < inside.final.nrmse else (inside, part)
 
 
 def _caveats(found: Pass, *others: object | None) -> tuple[str, ...]:

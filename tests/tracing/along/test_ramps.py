@@ -28,3 +28,14 @@ def test_an_end_of_the_sheet_is_found_though_most_trials_stay_in_the_ramp():
     assert found["start_m"]["value"] == pytest.approx(true["start_m"], abs=1e-4)
     assert found["share"]["value"] == pytest.approx(1.0, abs=0.05)
     assert verdict["after"]["heldout_nrmse"] < 0.1 * verdict["before"]["heldout_nrmse"]
+
+
+@pytest.mark.slow
+def test_what_is_found_in_pieces_stands_where_the_cut_alone_leaves_more():
+    """Five of nine slots end within the way in, so that little is left of where the tool is fully in."""
+    case = make("mill", {"entry_exit": "medium"}, 410)
+    verdict = trace(case.dataset, effects=("entry_exit", "helix_lag")).verdict
+    (named,) = verdict["effects"]
+    assert named["name"] == "entry_exit"
+    assert named["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.1)
+    assert verdict["after"]["heldout_nrmse"] < 0.3 * verdict["before"]["heldout_nrmse"]
