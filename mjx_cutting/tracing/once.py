@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
-from mjx_cutting.tracing.along.predicted import without_force
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.by_place import by_place
 from mjx_cutting.tracing.fitting.edges import as_found, without_edges
@@ -33,6 +32,7 @@ from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.passes import Pass, Searches, missing, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, band_limit
+from mjx_cutting.tracing.records.part import without_force
 from mjx_cutting.trials.dataset import Dataset
 
 _SWALLOWED = 0.002

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.tracing.along.ends import entry_exit
-from mjx_cutting.tracing.along.fed import as_fed
+from mjx_cutting.tracing.along.fed import as_fed, may_be_followed
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
@@ -22,7 +22,6 @@ from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.search import Search, search
 from mjx_cutting.tracing.records.course import Course
-from mjx_cutting.tracing.records.even_time import later
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.noise import noise_floor
@@ -135,8 +134,7 @@ def _courses(found: Pass) -> tuple[Course, ...]:
 def _as_fed(alone: Pass) -> Pass:
     """The pass over steady effects, its models following feed and speed where these were measured and change
     (`along.fed`): the base model too, whose chip it is."""
-    trials = [each for each in alone.dataset.trials if each.kind == "cut"]
-    if all(each.feed_speed_measured_m_s is None and later(each) is None for each in trials):
+    if not may_be_followed(alone.dataset):
         return alone
     added = as_fed(_courses(alone), np.asarray(alone.search.problem.weight))
     if added is None:

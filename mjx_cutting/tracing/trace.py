@@ -220,8 +220,9 @@ def _where_engaged(
     found: Pass, one_pass: Callable[[Dataset], Pass], with_ends: bool
 ) -> tuple[Pass, Engaged | None]:
     """What was found, or where more than noise is left and records begin or end in the air, what `one_pass`
-    finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them. Where
-    the ends of the sheet are known and that leaves more, they may lie within most of the way in."""
+    finds where their tools are in the cut; `with_ends` the ramps too, if they are as geometry has them. What
+    was found with the ends of the sheet in it stays where that leaves more: of records that are mostly ramp,
+    little is cut fully."""
     if found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
         return found, None
     known = any(kind.name == ENDS for kind in found.kinds)

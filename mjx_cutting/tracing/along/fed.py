@@ -15,10 +15,18 @@ from numpy.typing import NDArray
 
 from mjx_cutting.tracing.along.stair import STAIR, is_stair
 from mjx_cutting.tracing.records.course import Course
+from mjx_cutting.tracing.records.even_time import later
+from mjx_cutting.trials.dataset import Dataset
 
 _SURE = 2.0
 _UNLIKE = 5e-3
 Array = NDArray[np.floating]
+
+
+def may_be_followed(dataset: Dataset) -> bool:
+    """Whether any cut trial has a measured feed, or a spindle speed that is seen to change."""
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    return any(each.feed_speed_measured_m_s is not None or later(each) is not None for each in cuts)
 
 
 def as_fed(courses: Sequence[Course], weight: Array) -> tuple[Array, ...] | None:

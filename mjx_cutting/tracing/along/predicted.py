@@ -3,7 +3,9 @@
 What changes along a trial (a layer, mains, a stair) stands beside the lines of the steady cut, as tracing
 finds it: a few columns at the effect's own shape. The phase, speed and bias of a trial are read on what that
 leaves, and it is taken at the phase so read; so twice. Mains starts each trial at a phase of its own, which
-is fitted. A measured feed or speed, where the force goes with it, is the base model's own chip and followed.
+is fitted. Of the ends of a sheet much of a record may be missing, and lines that stay do not tell its phase
+and speed: theirs move along the path. A measured feed or speed, where the force goes with it, is the base
+model's own chip and followed.
 """
 
 from __future__ import annotations
@@ -17,20 +19,22 @@ from numpy.typing import NDArray
 from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, ForceModel
 from mjx_cutting.cutting.effects.entry_exit import EntryExit
-from mjx_cutting.tracing.along.fed import as_fed
+from mjx_cutting.tracing.along.fed import as_fed, may_be_followed
 from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.ramps import MovingEnds
 from mjx_cutting.tracing.along.shapes import phases
 from mjx_cutting.tracing.along.slow_kinds import kind_of
+from mjx_cutting.tracing.along.slow_round import less_force
 from mjx_cutting.tracing.along.stair import STAIR
 from mjx_cutting.tracing.along.waves import courses
 from mjx_cutting.tracing.fitting.prediction import Prediction, loaded_about, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose
 from mjx_cutting.tracing.records.course import Course
-from mjx_cutting.tracing.records.even_time import later
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band
+from mjx_cutting.tracing.records.part import without_force
 from mjx_cutting.tracing.records.spindle import as_turned, stated_speed
-from mjx_cutting.trials.dataset import Dataset, Trial
+from mjx_cutting.trials.dataset import Dataset
 
 _TIMES = 2
 Array = NDArray[np.floating]
@@ -40,7 +44,7 @@ def predict_trials(
     dataset: Dataset, model: ForceModel, band_hz: tuple[float, float] | None = None
 ) -> tuple[Prediction, ...]:
     """Predictions of every cut trial of a dataset under `model`, with all its effects but vibration that the
-    cut keeps up, of which no model holds the phase.
+    cut keeps up, of which no model holds the phase, and stiction at the start of hysteresis.
 
     Arguments:
         dataset: measured trials.
@@ -55,11 +59,11 @@ def predict_trials(
     """
     with _platform.x64():
         dataset = as_turned(as_levels(dataset))
-        band_hz, cuts = trusted_band(dataset, band_hz), [t for t in dataset.trials if t.kind == "cut"]
+        band_hz, rate_hz = trusted_band(dataset, band_hz), dataset.sensor.sample_rate_hz
         bare, steady, along = _parted(model)
-        _check_fed(cuts, along)
+        _check_fed(dataset, along)
         whole, lines, problem = _steady(dataset, steady, band_hz)
-        if not along and all(t.feed_speed_measured_m_s is None and later(t) is None for t in cuts):
+        if not along and not may_be_followed(dataset):
             return whole
         after = whole
         for _ in range(_TIMES):
@@ -68,26 +72,11 @@ def predict_trials(
             added = _added(trials, along, np.asarray(problem.weight))
             added = [force * np.array(problem.alive) for force in added]
             after, lines, problem = _steady(without_force(dataset, added), steady, band_hz)
+        heard = [band_limit(force, rate_hz, band_hz) for force in added]
         return tuple(
             replace(each, measured_n=one.measured_n, predicted_n=each.predicted_n + force)
-            for each, one, force in zip(after, whole, _heard(added, dataset, band_hz), strict=True)
+            for each, one, force in zip(after, whole, heard, strict=True)
         )
-
-
-def without_force(dataset: Dataset, force_n: Sequence[Array]) -> Dataset:
-    """The data set less [T, 3] a force in each cut trial."""
-    rest, trials = iter(force_n), []
-    for trial in dataset.trials:
-        trials.append(replace(trial, force_n=trial.force_n - next(rest)) if trial.kind == "cut" else trial)
-    return replace(dataset, trials=tuple(trials))
-
-
-class _MovingEnds(EntryExit):
-    """Ends of the sheet, by lines that move along the path: much of a record may be missing, and lines that
-    stay do not tell its phase and speed."""
-
-    steady = True
-    by_position = True
 
 
 def _parted(model: ForceModel) -> tuple[ForceModel, ForceModel, list[AbstractEffect]]:
@@ -97,10 +86,11 @@ def _parted(model: ForceModel) -> tuple[ForceModel, ForceModel, list[AbstractEff
     along = [each for each in model.effects if kind_of(each) is not None]
     steady = [each for each in model.effects if all(each is not one for one in (*ends, *along))]
     bare = ForceModel(model.tool, model.material, tuple(steady))
-    return bare, bare.with_effects(*(_MovingEnds(**each.values()) for each in ends)), along
+    return bare, bare.with_effects(*(MovingEnds(**each.values()) for each in ends)), along
 
 
-def _check_fed(cuts: Sequence[Trial], along: Sequence[AbstractEffect]) -> None:
+def _check_fed(dataset: Dataset, along: Sequence[AbstractEffect]) -> None:
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     unfed = [trial.file for trial in cuts if trial.feed_speed_measured_m_s is None]
     if unfed and any(each.name == STAIR.name for each in along):
         raise ValueError(
@@ -132,13 +122,9 @@ def _added(trials: Sequence[Course], along: Sequence[AbstractEffect], weight: Ar
     left, added = list(trials), [np.zeros_like(each.left_n) for each in trials]
     for kind, effect in ways:
         force = _force(kind, effect, left, weight)
-        left, added = _less(left, force), [one + more for one, more in zip(added, force, strict=True)]
+        left, added = less_force(left, force), [one + more for one, more in zip(added, force, strict=True)]
     fed = None if any(kind is STAIR for kind, _ in ways) else as_fed(left, weight)
     return added if fed is None else [one + more for one, more in zip(added, fed, strict=True)]
-
-
-def _heard(force_n: Sequence[Array], dataset: Dataset, band_hz: tuple[float, float]) -> list[Array]:
-    return [band_limit(each, dataset.sensor.sample_rate_hz, band_hz) for each in force_n]
 
 
 def _force(kind: Kind, effect: AbstractEffect, trials: Sequence[Course], weight: Array) -> list[Array]:
@@ -149,7 +135,3 @@ def _force(kind: Kind, effect: AbstractEffect, trials: Sequence[Course], weight:
     if kind.own_phase:
         of_each = list(phases(kind.sums_of(trials, shape[None]), 0, c, weight) @ c)
     return [kind.columns(course, shape) @ own for course, own in zip(trials, of_each, strict=True)]
-
-
-def _less(trials: Sequence[Course], force_n: Sequence[Array]) -> list[Course]:
-    return [replace(each, left_n=each.left_n - force) for each, force in zip(trials, force_n, strict=True)]

@@ -23,11 +23,16 @@ _PLACES = 16
 _REACH = 0.3
 
 
-class EndInPieces(EntryExit):
-    """One end of the sheet: its place and the share of the geometry are what is fitted."""
+class MovingEnds(EntryExit):
+    """Ends of the sheet as a response that changes along the path, which lines that move along it hold."""
 
     steady = True
     by_position = True
+
+
+class EndInPieces(MovingEnds):
+    """One end of the sheet: its place and the share of the geometry are what is fitted."""
+
     places_m: ClassVar[tuple[float, ...]]
     far: ClassVar[bool]
     met_by: ClassVar[float]

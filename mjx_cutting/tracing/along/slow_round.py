@@ -48,11 +48,14 @@ class SlowRound:
         return next((each for each in self.candidates if each is not self.accepted), None)
 
 
+def less_force(trials: Sequence[Course], force_n: Sequence[Array]) -> list[Course]:
+    """The trials less [T, 3] a force in each."""
+    return [replace(each, left_n=each.left_n - force) for each, force in zip(trials, force_n, strict=True)]
+
+
 def without(trials: Sequence[Course], found: SlowCandidate) -> list[Course]:
     """The trials less what was found."""
-    return [
-        replace(each, left_n=each.left_n - added) for each, added in zip(trials, found.added_n, strict=True)
-    ]
+    return less_force(trials, found.added_n)
 
 
 def less(trials: Sequence[Course], rounds: Sequence[SlowRound]) -> Sequence[Course]:

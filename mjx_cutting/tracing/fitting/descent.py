@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
-from mjx_cutting.tracing.fitting.fit import STIFFNESS, Effects, Fit, in_air
+from mjx_cutting.tracing.fitting.fit import COMPILER, STIFFNESS, Effects, Fit, in_air
 from mjx_cutting.tracing.fitting.problem import (
     Problem,
     beside_the_cuts,
@@ -34,7 +34,6 @@ from mjx_cutting.tracing.fitting.problem import (
 )
 from mjx_cutting.tracing.fitting.residual import marks, residual_beside, residual_of_lines
 
-_COMPILER = {"xla_backend_optimization_level": 1}
 _ROWS = 8
 _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
@@ -277,7 +276,7 @@ def _scale(normal: Matrix) -> Matrix:
     return np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(normal) + 1e-12)
 
 
-@partial(_platform.jit, static_argnums=2, compiler_options=_COMPILER)
+@partial(_platform.jit, static_argnums=2, compiler_options=COMPILER)
 def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, Array, ForceModel]:
     def one(x: Array) -> tuple[Array, Array, Array, ForceModel]:
         model = jax.tree.map(jnp.asarray, model_at(problem, x, effects))

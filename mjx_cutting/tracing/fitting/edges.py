@@ -12,7 +12,6 @@ whose teeth are unlike each other.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cache, partial
 
 import jax
@@ -30,6 +29,7 @@ from mjx_cutting.tracing.fitting.problem import CONSTANTS, Problem, pose, shared
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import helix_gain
 from mjx_cutting.tracing.records.lines import Lines, compress
+from mjx_cutting.tracing.records.part import without_force
 from mjx_cutting.trials.dataset import Dataset
 
 _PLACES = 1 << 17
@@ -90,12 +90,8 @@ def _less_edges(
         return _beyond(problem, model, trial, lines.orders, a_turn)
 
     wide_s = _width_s(beyond, a_turn, shown, dataset.sensor.sample_rate_hz)
-    edges = iter([_Edges(beyond(index), a_turn, each, wide_s).best() for index, each in enumerate(shown)])
-    trials = (
-        replace(trial, force_n=trial.force_n - next(edges)) if trial.kind == "cut" else trial
-        for trial in dataset.trials
-    )
-    cleared = replace(dataset, trials=tuple(trials))
+    edges = (_Edges(beyond(index), a_turn, each, wide_s).best() for index, each in enumerate(shown))
+    cleared = without_force(dataset, edges)
     rest = compress(cleared, lines.band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
     return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else None
 

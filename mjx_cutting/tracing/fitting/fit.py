@@ -40,6 +40,7 @@ _STEPS = 40
 _DIFFERENCE = 1e-6
 _ROWS = 4
 STIFFNESS = 1e3
+COMPILER = {"xla_backend_optimization_level": 1}
 _DAMPING_OF_UNKNOWNS = 1e-3
 
 
@@ -156,7 +157,7 @@ def by_differences(function: Callable[[Array], Array]) -> Callable[[Array], Arra
     return differenced
 
 
-@partial(_platform.jit, static_argnums=1, compiler_options={"xla_backend_optimization_level": 1})
+@partial(_platform.jit, static_argnums=1, compiler_options=COMPILER)
 def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) -> Fit:
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
 

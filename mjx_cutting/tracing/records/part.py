@@ -1,18 +1,20 @@
-"""A part of a trial as a trial of its own: where on the path, how far cut and when, as it was."""
+"""Less of the records: a part of a trial as a trial of its own; the trials less a force."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.trials.dataset import Trial
+from mjx_cutting.trials.dataset import Dataset, Trial
 
 
 def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
-    """The trial over some of its samples only; `place` [T] is its way along the path, m."""
+    """The trial over some of its samples only, where on the path, how far cut and when as it was; `place` [T]
+    is its way along the path, m."""
     records: dict[str, Any] = {
         name: None if getattr(trial, name) is None else getattr(trial, name)[part]
         for name in (
@@ -30,3 +32,11 @@ def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
         clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
         **records,
     )
+
+
+def without_force(dataset: Dataset, force_n: Iterable[NDArray[np.floating]]) -> Dataset:
+    """The data set less [T, 3] a force in each cut trial."""
+    rest, trials = iter(force_n), []
+    for trial in dataset.trials:
+        trials.append(replace(trial, force_n=trial.force_n - next(rest)) if trial.kind == "cut" else trial)
+    return replace(dataset, trials=tuple(trials))
