@@ -7,7 +7,8 @@ f_s. Holds for effects without slow memory; where conditions drift, take one rev
 Two ways to c_n. Where every tooth sweeps the same arc, its force is integrated over that arc alone by Gauss
 and Legendre's rule, and the tooth's place on the tool is a factor exp(-i n lag): exact at entry and exit,
 smooth in every parameter, and nothing is evaluated out of cut, which for a saw is nearly everywhere. A tooth
-that starts to touch within the arc counts, there, with the share of the node's cell in which it does.
+that starts to touch within the arc counts, there, with the share of the node's cell in which it does; where
+an effect says at what angle that is (`AbstractEffect.arcs`), the arc is swept in parts, exact at their ends.
 Otherwise the revolution is evaluated at even angles, entry and exit averaged over the angle step
 (`Cut.gate_rad`), so that the steps of the edge force do not alias.
 """
@@ -59,13 +60,25 @@ def order_lines(
     if not model.turns_evenly:
         lines = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
     else:
-        lines = _swept(model, cut, orders, _FEWEST_NODES + int(_NODES_PER_RADIAN * orders * arc_rad))
+        lines = _in_parts(model, cut, orders, _FEWEST_NODES + int(_NODES_PER_RADIAN * orders * arc_rad))
         if any(type(effect).body is not AbstractEffect.body for effect in model.effects):
             lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[: orders + 1] / angles
     if any(type(effect).sense is not AbstractEffect.sense for effect in model.effects):
         wave = jnp.fft.irfft(_responded(model, cut, lines, along) * angles, angles, axis=0)
         return jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[: orders + 1] / angles
     return _responded(model, cut, lines[: orders + 1], along)
+
+
+def _in_parts(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
+    """[orders + 1, 3] lines of the edges' force over time, each part of the arc from `nodes` angles."""
+    bent = any(type(effect).engage is not AbstractEffect.engage for effect in model.effects)
+    for effect in model.effects:
+        parts = None if bent else effect.arcs(cut, model)
+        if parts is not None:
+            rest = ForceModel(model.tool, model.material, tuple(e for e in model.effects if e is not effect))
+            each = (share * _in_parts(rest, part, orders, nodes) for share, part in parts)
+            return sum(each, jnp.zeros((orders + 1, 3)))
+    return _swept(model, cut, orders, nodes)
 
 
 def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:

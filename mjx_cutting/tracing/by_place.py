@@ -14,26 +14,31 @@ from mjx_cutting.tracing.along.ramps import ends_in_pieces
 from mjx_cutting.tracing.fitting.prediction import predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
 from mjx_cutting.tracing.fitting.screening import screen
-from mjx_cutting.tracing.passes import Pass, Searches, near_floor
+from mjx_cutting.tracing.passes import Pass, Searches, for_use, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.lines import compress
+from mjx_cutting.tracing.records.lines import Lines, compress
 
 _PROMISING = 0.2
 _BESIDE = 2
 
 
-def by_place(first: Pass, moving: Sequence[type[AbstractEffect]], searches: Searches) -> Pass:
+def by_place(
+    first: Pass,
+    moving: Sequence[type[AbstractEffect]],
+    searches: Searches,
+    followed: Lines | None = None,
+) -> Pass:
     """The pass, or the better one over trials in pieces that names one of `moving`, of which the response
     changes along the path. Tried beside such are the most telling effects of the first round."""
     dataset, rounds = first.dataset, first.search.rounds
     on_path = first.search.problem.motion is not None
     if on_path or not moving or near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
         return first
-    pieces = in_pieces(dataset, first.lines)
+    pieces = in_pieces(dataset, followed or first.lines)
     if pieces is None:
         return first
     searches.progress("the trials in pieces")
-    problem = pose(pieces, compress(pieces, searches.band_hz, like=first.lines))
+    problem = pose(pieces, compress(pieces, searches.band_hz, like=followed or first.lines))
     so_far, x = first.search.effects, first.search.final_fit.x
     if not any(kind.by_position for kind in so_far):
         promising = screen(problem, so_far, jnp.asarray(x), moving)
@@ -43,12 +48,13 @@ def by_place(first: Pass, moving: Sequence[type[AbstractEffect]], searches: Sear
     found = searches.steady(pieces, list(dict.fromkeys([*moving, *first.search.effects, *telling])))
     if not any(kind.by_position for kind in found.search.effects):
         return first
-    search = of_whole_trials(found.search, first.search, dataset, first.lines)
+    search = of_whole_trials(found.search, found.lines, first.search, dataset, first.lines)
     if search.final.nrmse >= first.final.nrmse:
         return first
+    model = for_use(dataset, search.final_fit.model)
     bias = shared_bias(search.problem, search.final_fit.x)
-    after = predictions(dataset, first.lines, search.problem, found.model, bias)
-    return replace(first, search=search, slow=(), model=found.model, after=after, evidence={})
+    after = predictions(dataset, first.lines, search.problem, model, bias)
+    return replace(first, search=search, slow=(), model=model, after=after, evidence={})
 
 
 def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Callable[[str], None]) -> Pass:
@@ -57,4 +63,14 @@ def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Cal
     looked_for = any(each.kind.name == ENDS for one in found.slow for each in one.candidates)
     if not looked_for or any(kind.name == ENDS for kind in found.kinds):
         return found
-    return by_place(found, ends_in_pieces(found.dataset), Searches(band_hz, (), seed, progress))
+    ends = ends_in_pieces(found.dataset)
+    better = by_place(_every_order(found, band_hz), ends, Searches(band_hz, (), seed, progress), found.lines)
+    return better if any(kind.name == ENDS for kind in better.kinds) else found
+
+
+def _every_order(found: Pass, band_hz: tuple[float, float]) -> Pass:
+    """The pass with every line of the band: of a cut that changes all along, the higher ones are smeared and
+    hardly stand out of a whole record."""
+    lines = compress(found.dataset, band_hz, found.lines.speed_rev_s, every=True)
+    search = replace(found.search, problem=pose(found.dataset, lines))
+    return replace(found, lines=lines, search=search)

@@ -26,7 +26,7 @@ To add an effect of your own: one file, one class, one decorator.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -161,6 +161,11 @@ class AbstractEffect(eqx.Module):
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
         """Chip thickness and contact, [..., S, N]."""
         return chip
+
+    def arcs(self, cut: Cut, model: ForceModel) -> Sequence[tuple[Array, Cut]] | None:
+        """Cuts over parts of the arc, of which, each with its share, the force under `chip` is the sum, for
+        lines exact where a part ends; None for an effect that does not part it."""
+        return None
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         """Local force law."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 _FEATHER_RAD = 1e-3
+_FOREMOST = 1.0 - 1e-7  # where arcsin still has a slope
 
 
 @register
@@ -59,16 +60,26 @@ class EntryExit(AbstractEffect):
     by_axis: ArrayLike = 0.0
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
-        radius = 0.5 * jnp.asarray(model.tool.diameter_m)
-        depth = jnp.clip(jnp.asarray(cut.radial_depth_m), 1e-9, radius)
-        reach = jnp.sqrt(depth * (2.0 * radius - depth))
-        behind = (1.0 - jnp.asarray(self.by_axis)) * reach
-        axis = (jnp.asarray(cut.position_m) - self.start_m - behind)[..., None, None]
-        tooth = axis + radius * jnp.sin(chip.angle_rad)
-        within = jnp.minimum(tooth, jnp.asarray(self.length_m) - tooth) / radius
+        begin, end = (each[..., None, None] for each in self._ends(cut, model))
+        ahead = jnp.sin(chip.angle_rad)
+        within = jnp.minimum(ahead - begin, end - ahead)
         gate = jnp.maximum(jnp.asarray(cut.gate_rad)[..., None, None], _FEATHER_RAD)
         inside = jnp.clip(0.5 + within / gate, 0.0, 1.0)
         return chip._replace(contact=chip.contact * (1.0 - self.share * (1.0 - inside)))
+
+    def arcs(self, cut: Cut, model: ForceModel) -> list[tuple[Array, Cut]]:
+        """All of the arc, and in its stead what has come to the near end less what is beyond the far one."""
+        share = jnp.asarray(self.share)
+        begin, end = self._ends(cut, model)
+        return [(1.0 - share, cut), (share, part_of_arc(cut, begin)), (-share, part_of_arc(cut, end))]
+
+    def _ends(self, cut: Cut, model: ForceModel) -> tuple[Array, Array]:
+        """[...] near and far end of the sheet, ahead of the tool's axis, over its radius."""
+        radius = 0.5 * jnp.asarray(model.tool.diameter_m)
+        depth = jnp.clip(jnp.asarray(cut.radial_depth_m), 1e-9, radius)
+        reach = jnp.sqrt(depth * (2.0 * radius - depth))
+        axis = jnp.asarray(cut.position_m) - self.start_m - (1.0 - jnp.asarray(self.by_axis)) * reach
+        return -axis / radius, (jnp.asarray(self.length_m) - axis) / radius
 
     @classmethod
     def size(cls, tool: Tool) -> int:
@@ -86,3 +97,12 @@ class EntryExit(AbstractEffect):
     @classmethod
     def identity(cls, tool: Tool) -> EntryExit:
         return cls(0.0)
+
+
+def part_of_arc(cut: Cut, ahead: ArrayLike) -> Cut:
+    """The cut over the part of its arc that is [...] or more ahead of the tool's axis, over the radius: where
+    the sine of a tooth's angle is at least that."""
+    begin = jnp.arcsin(jnp.clip(jnp.asarray(ahead), 0.0, _FOREMOST))
+    entry = jnp.maximum(jnp.asarray(cut.entry_rad), begin)
+    exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - begin), entry)
+    return cut.replace(entry_rad=entry, exit_rad=exit_)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, order_lines
+from mjx_cutting.cutting.effects.entry_exit import part_of_arc
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.fitting.problem import Problem, response, with_straight_teeth
 from mjx_cutting.tracing.records.course import Course
@@ -157,15 +158,6 @@ def between_shares(way: Array) -> tuple[NDArray[np.int64], Array]:
     last = len(SHARES) - 1
     knot = np.minimum((np.sqrt(way) * last).astype(int), last - 1)
     return knot, (way * last**2 - knot**2) / (2 * knot + 1)
-
-
-def part_of_arc(cut: Cut, missing: ArrayLike) -> Cut:
-    """The cut with [...] part of the way into the sheet still to go, over the radius: a tooth at angle th is
-    in the sheet where sin th is at least that."""
-    inside = jnp.arcsin(jnp.clip(jnp.asarray(missing), 0.0, 1.0))
-    entry = jnp.maximum(jnp.asarray(cut.entry_rad), inside)
-    exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - inside), entry)
-    return cut.replace(entry_rad=entry, exit_rad=exit_)
 
 
 class Ramps:

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.on_path import fit_on_path
 from mjx_cutting.tracing.fitting.prediction import predictions
-from mjx_cutting.tracing.fitting.problem import shared_bias
+from mjx_cutting.tracing.fitting.problem import model_at, shared_bias
+from mjx_cutting.tracing.naming.candidate import parameters
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.lines import PIECE, Lines
@@ -52,19 +54,36 @@ def in_pieces(dataset: Dataset, lines: Lines) -> Dataset | None:
     return replace(dataset, trials=tuple(trials))
 
 
-def of_whole_trials(found: Search, first: Search, dataset: Dataset, lines: Lines) -> Search:
-    """A search on pieces as one on the trials: their problem, the error of `first`'s base model, and that of
-    the final model with its response moving along each held-out trial."""
-    problem = eqx.tree_at(lambda each: each.weight, first.problem, found.problem.weight)
+def of_whole_trials(found: Search, pieces: Lines, first: Search, dataset: Dataset, lines: Lines) -> Search:
+    """A search on the lines of `pieces` as one on the trials: their problem, the final model fitted to them
+    with its response moving along each, its error on those held out, and that of `first`'s base model."""
+    problem = eqx.tree_at(
+        lambda each: (each.weight, each.scale, each.bias_unit_n),
+        first.problem,
+        (found.problem.weight, found.problem.scale, found.problem.bias_unit_n),
+    )
     fits, fold = found.final.fits, found.final.fold
     assert fits is not None
+    x, by_fold = fit_on_path(dataset, lines, problem, found.effects, np.asarray(found.final_fit.x), fold)
+    made = jax.vmap(lambda each: model_at(problem, each, found.effects))
+    fits = replace(fits, x=jnp.asarray(by_fold), model=made(jnp.asarray(by_fold)))
+    whole = replace(found.final_fit, x=jnp.asarray(x), model=model_at(problem, jnp.asarray(x), found.effects))
     error = np.zeros_like(first.base.error_n2)
     for f in range(int(fold.max()) + 1):
         model = jax.tree.map(lambda leaf, f=f: leaf[f], fits.model)
         held = np.flatnonzero(fold == f)
-        bias = shared_bias(problem, jnp.asarray(fits.x[f]))
+        bias = shared_bias(problem, fits.x[f])
         told = predictions(dataset, lines, problem, model, bias, only=held)
         for index in held:
             error[index] = np.sum(told[index].residual_n ** 2, axis=0)
     final = HeldOut(error, first.base.energy_n2, fits, fold)
-    return replace(found, problem=problem, base_fit=first.base_fit, base=first.base, final=final)
+    own = parameters(found.problem, pieces, found.effects, whole, final)
+    return replace(
+        found,
+        problem=problem,
+        base_fit=first.base_fit,
+        base=first.base,
+        final_fit=whole,
+        final=final,
+        intervals=tuple(own),
+    )

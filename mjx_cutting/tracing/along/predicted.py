@@ -104,7 +104,8 @@ def _steady(
 ) -> tuple[tuple[Prediction, ...], Lines, Problem]:
     """Predictions under a model of effects that lines hold, and these lines."""
     stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])
-    lines = compress(dataset, band_hz, loaded_about(dataset, model, stated))
+    moving = any(isinstance(each, MovingEnds) for each in model.effects)
+    lines = compress(dataset, band_hz, loaded_about(dataset, model, stated), every=moving)
     problem = pose(dataset, lines)
     found = predictions(dataset, lines, problem, model)
     if problem.shared_bias:

@@ -20,8 +20,9 @@ from scipy.signal import lfilter
 
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.cutting.average import mean_load
+from mjx_cutting.cutting.effects.entry_exit import part_of_arc
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
-from mjx_cutting.tracing.along.ends import SHARES, Ramps, between_shares, part_of_arc, way_in_m, ways
+from mjx_cutting.tracing.along.ends import SHARES, Ramps, between_shares, way_in_m, ways
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.course import Course

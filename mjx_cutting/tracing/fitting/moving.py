@@ -18,7 +18,7 @@ def wave(lines: Lines, trial: int, angle_rad: Array, coefficients: NDArray, rate
 
 
 class MovingLines:
-    """Lines of one trial [K, orders + 1, 3] at even steps of the way, straight between them."""
+    """Lines of one trial [K, orders + 1, A], of A axes, at even steps of the way, straight between them."""
 
     def __init__(self, lines: Lines, trial: int, places: NDArray, place_m: Array, rate_hz: float):
         """`trial` is the place in `lines`; `place_m` [T] the way, m."""
@@ -28,9 +28,9 @@ class MovingLines:
         self.after = (way - self.knot)[:, None]
 
     def force(self, angle_rad: Array) -> Array:
-        """[T, 3] force at the tool angles [T], within the band, N."""
+        """[T, A] force at the tool angles [T], within the band, N."""
         turned = heard_turns(self.lines, self.trial, angle_rad)
-        force = np.empty((len(turned), 3))
+        force = np.empty((len(turned), self.places.shape[-1]))
         for knot, here in self._stretches():
             near, next_ = (np.real(turned[here] @ self.places[each]) for each in (knot, knot + 1))
             force[here] = near + self.after[here] * (next_ - near)

@@ -31,7 +31,7 @@ from mjx_cutting.tracing.records.lines import Lines, band_limit
 from mjx_cutting.tracing.records.spindle import spindle_angle
 from mjx_cutting.trials.dataset import Dataset
 
-_KNOTS = 65
+KNOTS = 257
 FEW_KNOTS = 3
 Array = NDArray[np.floating]
 
@@ -83,7 +83,7 @@ def predictions(
     matter, whose angle is found again under moving lines; default all; `turn_rad` [R]: by how much further
     than fitted the tool of each trial is turned."""
     model, _ = _at_loaded_speed(model)
-    knots = _KNOTS if by_position(model) else FEW_KNOTS if grows(model.effects) else 0
+    knots = KNOTS if by_position(model) else FEW_KNOTS if grows(model.effects) else 0
     places = along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
     coefficients = np.asarray(lines_n)
@@ -152,7 +152,7 @@ def grows(effects: Iterable[AbstractEffect | type[AbstractEffect]]) -> bool:
     return any("cut length" in effect.needs for effect in effects)
 
 
-@partial(_platform.jit_for_few_calls, static_argnums=2)
+@partial(_platform.jit, static_argnums=2)
 def along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array:
     """[R, K, orders + 1, 3] lines at even steps along the path of every trial, N."""
 
@@ -161,8 +161,7 @@ def along_the_path(problem: Problem, model: ForceModel, knots: int) -> jax.Array
         there = problem.cut.replace(
             position_m=problem.cut.position_m + away, cut_length_m=problem.cut.cut_length_m + away
         )
-        still = eqx.tree_at(lambda p: (p.cut, p.path_m), problem, (there, 0.0 * problem.path_m))
-        return model_lines(still, model)
+        return model_lines(eqx.tree_at(lambda p: p.cut, problem, there), model, at_one_place=True)
 
     return jnp.moveaxis(jax.lax.map(at, jnp.linspace(-0.5, 0.5, knots)), 0, 1)
 

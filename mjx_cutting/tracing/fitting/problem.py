@@ -289,8 +289,9 @@ def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, 
     return np.where(own > 0.0, own, rms)
 
 
-def model_lines(problem: Problem, model: ForceModel) -> Array:
-    """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N.
+def model_lines(problem: Problem, model: ForceModel, at_one_place: bool = False) -> Array:
+    """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N: their
+    mean over the path, or `at_one_place` those there.
 
     The teeth are straight ones, since a helix only delays slices of the edge, which in the order domain is
     the exact factor (1 - exp(-i n lag)) / (i n lag) in `response`, whatever corrects its angle.
@@ -308,7 +309,7 @@ def model_lines(problem: Problem, model: ForceModel) -> Array:
             here = here if motion is None else felt_on(here, motion, angles)
             return order_lines(moving, here, orders, angles, arc_rad, stretch)
 
-        if not by_position(model):
+        if at_one_place or not by_position(model):
             return at(cut.position_m)
         node, weight = np.polynomial.legendre.leggauss(_PLACES)
         places, share = cut.position_m + 0.5 * path_m * node, 0.5 * weight

@@ -48,13 +48,17 @@ def tuned_angle(
         at = int(np.argmax(likeness))
         if likeness[at] > best:
             best, angle = float(likeness[at]), here + 2.0 * np.pi * at / _PHASES
-    return _refined(moving, angle, None if known else way, measured_n, weight)
+    return refined_angle(moving, angle, known, measured_n, weight)
 
 
-def _refined(moving: MovingLines, angle: Array, way: Array | None, measured: Array, weight: Array) -> Array:
-    """The angle moved, and stretched along its `way` where there is one, to where less is left."""
-    force = moving.force(angle)
-    left = _without_mean(measured - force) * weight
+def refined_angle(
+    moving: MovingLines, angle_rad: Array, known: bool, measured_n: Array, weight: Array
+) -> Array:
+    """[T] an angle that is nearly right, moved and unless `known` stretched to where less is left; the rest
+    as of `tuned_angle`."""
+    way = None if known else (angle_rad - angle_rad[0]) / float(np.ptp(angle_rad)) - 0.5
+    angle, force = angle_rad, moving.force(angle_rad)
+    left = _without_mean(measured_n - force) * weight
     for _ in range(_STEPS):
         slope = (_without_mean(moving.force(angle + _DIFFERENCE) - force) * weight) / _DIFFERENCE
         columns = [slope] if way is None else [slope, slope * way[:, None]]
@@ -62,7 +66,7 @@ def _refined(moving: MovingLines, angle: Array, way: Array | None, measured: Arr
         step = np.linalg.lstsq(matrix, left.ravel(), rcond=None)[0]
         closer = angle + step[0] + (0.0 if way is None else step[1] * way)
         force = moving.force(closer)
-        after = _without_mean(measured - force) * weight
+        after = _without_mean(measured_n - force) * weight
         if float(np.sum(after**2)) >= float(np.sum(left**2)):
             break
         angle, left = closer, after

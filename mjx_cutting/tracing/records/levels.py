@@ -26,6 +26,8 @@ _AT_REST = 3.0
 _SHORTER = 0.8
 _FEWEST_ALIKE = 3
 _ONE_SHARE = 0.05
+_MAIN = 1.2
+Array = NDArray[np.floating]
 
 
 def axes_of(kind: str) -> tuple[str, str, str]:
@@ -37,7 +39,8 @@ def as_levels(dataset: Dataset) -> Dataset:
     """The dataset with every trial of a drill or turning tool cut down to its steady part; others unchanged.
 
     For drills the columns of `force_n` become nothing, torque (N m) and thrust (N), which both count positive
-    against the cut, whichever way they were recorded.
+    against the cut, whichever way they were recorded. Those of a turning tool are read as a lathe has them:
+    the largest along y.
     """
     if dataset.tool.kind not in LEVEL_KINDS:
         return dataset
@@ -51,11 +54,23 @@ def as_levels(dataset: Dataset) -> Dataset:
     else:
         in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
     trials = [_level(trial) if trial.kind == "cut" else trial for trial in trials] + in_air
-    if dataset.tool.kind == "drill":
-        mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
-        against = np.where(mean < 0.0, -1.0, 1.0)
-        trials = [replace(trial, force_n=against * trial.force_n) for trial in trials]
+    mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
+    order, sign = [0, 1, 2], np.where(mean < 0.0, -1.0, 1.0)
+    if dataset.tool.kind == "turning":
+        order, sign = _as_on_a_lathe(mean)
+    trials = [replace(trial, force_n=sign * trial.force_n[:, order]) for trial in trials]
     return replace(dataset, trials=tuple(trials))
+
+
+def _as_on_a_lathe(mean_n: Array) -> tuple[list[int], Array]:
+    """Which column of a turning tool's force [3], on the mean, is which axis of its base law, and the sign of
+    each. The main cutting force is the largest and along y; the feed is against x. Columns that say so as
+    they are stay, and so does the sign along z, which the law leaves open."""
+    order, main = [0, 1, 2], int(np.argmax(np.abs(mean_n)))
+    if abs(mean_n[main]) > _MAIN * abs(mean_n[1]):
+        order[main], order[1] = 1, main
+    along, across, _ = mean_n[order]
+    return order, np.array([-1.0 if along > 0.0 else 1.0, -1.0 if across < 0.0 else 1.0, 1.0])
 
 
 def _level(trial: Trial) -> Trial:
@@ -127,7 +142,7 @@ def _go_with_the_cut(trials: list[Trial], airs: list[slice | None]) -> bool:
     return bool(left < _ONE_SHARE * np.sum(read**2) and left < np.sum((read - read.mean(axis=0)) ** 2))
 
 
-def _air(force: NDArray[np.floating]) -> int:
+def _air(force: Array) -> int:
     """The first three quarters of the samples before the tool touches; 0 where there are too few to tell
     where the zero is, or where it is none: half or more of what the cut then adds to it."""
     added = force - force[:_FEWEST_IN_AIR].mean(axis=0)
@@ -144,6 +159,6 @@ def _air(force: NDArray[np.floating]) -> int:
     return 0
 
 
-def _error(samples: NDArray[np.floating]) -> NDArray[np.floating]:
+def _error(samples: Array) -> Array:
     """[3] standard error of the mean of samples."""
     return np.asarray(samples.std(axis=0) / np.sqrt(len(samples)))

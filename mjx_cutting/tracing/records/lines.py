@@ -137,6 +137,7 @@ def compress(
     band_hz: tuple[float, float],
     about_rev_s: Array | None = None,
     like: Lines | None = None,
+    every: bool = False,
 ) -> Lines:
     """Lines of every cut trial of the dataset.
 
@@ -144,6 +145,8 @@ def compress(
         about_rev_s: [R] speeds about which each trial's own is looked for, and no further than a stated one
             may err; default: wherever a motor that gives way may have left it (`spindle`).
         like: lines of which the same orders are followed; default those that are heard in the band.
+        every: whether every order of the band is, but those that fold into it; as where lines change along
+            the path and hardly stand out.
 
     Raises:
         ValueError: no cut trial, or one too short to tell its lines apart.
@@ -162,6 +165,9 @@ def compress(
     if like is not None:
         return _read(dataset, trials, speeds, band_hz, like.followed)
     highest = 0 if levels else _highest_order(dataset, band_hz, float(speeds.min()))
+    if every:
+        highest = min(highest, int(band_hz[1] / float(speeds.min())))
+        return _read(dataset, trials, speeds, band_hz, np.ones(highest + 1, bool))
     lines = _read(dataset, trials, speeds, band_hz, np.ones(highest + 1, bool))
     followed = _followed(lines, dataset)
     if np.array_equal(followed, lines.followed):
