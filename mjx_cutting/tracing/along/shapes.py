@@ -245,8 +245,14 @@ def _most_in_one(found: Sums, use: Array, weight: Array, coefficients: Array) ->
 def error_change(found: Sums, shape: int, coefficients: Array) -> Array:
     """[R, 3] change of each trial's squared error, N^2, with `shape` at `coefficients` [k] or [R, k]."""
     own = np.broadcast_to(coefficients, (len(found.product), found.product.shape[-1]))
-    square = np.einsum("rakl,rk,rl->ra", found.square[:, shape], own, own)
-    return square - 2.0 * np.einsum("rak,rk->ra", found.product[:, shape], own)
+    product = np.einsum("rak,rk->ra", found.product[:, shape], own)
+    return added_energy(found, shape, coefficients) - 2.0 * product
+
+
+def added_energy(found: Sums, shape: int, coefficients: Array) -> Array:
+    """[R, 3] energy of what `shape` adds to each trial at `coefficients` [k] or [R, k], N^2."""
+    own = np.broadcast_to(coefficients, (len(found.product), found.product.shape[-1]))
+    return np.einsum("rakl,rk,rl->ra", found.square[:, shape], own, own)
 
 
 def solve_in_phase(found: Sums, use: Array, weight: Array) -> tuple[int, Array]:

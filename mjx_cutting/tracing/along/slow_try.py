@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.kind import Kind, as_values
 from mjx_cutting.tracing.along.layers import borders_on, columns_of, together
-from mjx_cutting.tracing.along.shapes import Sums, error_change, phases, solve, solve_in_phase, sums
+from mjx_cutting.tracing.along.shapes import (
+    Sums,
+    added_energy,
+    error_change,
+    phases,
+    solve,
+    solve_in_phase,
+    sums,
+)
 from mjx_cutting.tracing.along.slow_round import SlowCandidate
 from mjx_cutting.tracing.along.surety import intervals, reach_of_the_model, unsure_force
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -51,9 +59,10 @@ def try_one(
     weight = test.weight
     fits = _fits(kind, trials, weight, tuple(beside))
     shape, effect, c = fits.to(np.ones(len(trials)))
-    after, by_fold = fits.held_out(before)
+    after, added_n2, by_fold = fits.held_out(before)
     reached = _reached(kind, trials, fits.shapes[shape])
-    p = chance_over_trials(before.only(reached), after.only(reached), test.tries)
+    told_n2 = None if kind.own_phase else added_n2[reached]
+    p = chance_over_trials(before.only(reached), after.only(reached), test.tries, told_n2)
     reach = reach_of_the_model(kind, trials, fits.shapes[shape])
     error_of_it = reach * TOLERANCE
     accounted = float(np.sqrt(max(before.nrmse**2 - after.nrmse**2, error_of_it**2, 1e-24)))
@@ -144,16 +153,18 @@ class _Fits:
                 c = solve(self._at(best)[0], use, self.weight)[1]
         return best, self.kind.build(self.shapes[best], c[: self.own(c)]), c
 
-    def held_out(self, before: HeldOut) -> tuple[HeldOut, list[dict[str, Any]]]:
-        """The error on the folds of `before` once the effect is fitted without them, and what it is then."""
-        error = np.zeros_like(before.error_n2)
+    def held_out(self, before: HeldOut) -> tuple[HeldOut, Array, list[dict[str, Any]]]:
+        """The error on the folds of `before` once the effect is fitted without them, the energy [R] of what
+        it then adds to them, N^2, and what it is."""
+        error, added = np.zeros_like(before.error_n2), np.zeros(len(before.fold))
         by_fold = []
         for fold in range(int(before.fold.max()) + 1):
             held = before.fold == fold
             shape, effect, c = self.to((~held).astype(float))
             error[held] = (before.error_n2 + self.error_change(shape, c))[held]
+            added[held] = added_energy(*self._at(shape), self.in_each(shape, c)).sum(axis=1)[held]
             by_fold.append(as_values(effect))
-        return HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold), by_fold
+        return HeldOut(np.maximum(error, 0.0), before.energy_n2, None, before.fold), added, by_fold
 
     def own(self, c: Array) -> int:
         """How many of the coefficients [k] are the effect's own."""

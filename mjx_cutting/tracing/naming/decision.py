@@ -223,16 +223,20 @@ def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple
     return float(max(low, min(declared.low, value))), float(min(high, max(declared.high, value)))
 
 
-def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
+def chance_over_trials(
+    before: HeldOut, after: HeldOut, tries: int, added_n2: NDArray[np.floating] | None = None
+) -> float:
     """Probability that the best of `tries` useless candidates gains as much on held-out trials, the trials
-    being independent.
+    being independent; `added_n2` [R] is the energy of what it adds to each, N^2, where it has no phase of its
+    own there.
 
     A useless one gains neither over all trials nor, trial by trial, in energy, nor in shares of what each
-    leaves, nor in more of them than it loses in; the surest of the four counts (t, t, t, signed ranks), as
-    one of four tries. Where a few trials hold most of the force, or of the error, all of them say little of
+    leaves, nor in more of them than it loses in; the surest counts (t, t, t, signed ranks), as one of as
+    many tries. Where a few trials hold most of the force, or of the error, all of them say little of
     what shows in every one; a hum is the same energy in each, whatever else they leave; the shares say little
     of a place that few trials reach; where they differ widely among trials that all gain, a mean and its
-    scatter say less than the ranks.
+    scatter say less than the ranks. Where `added_n2` is known, so does how it goes with what was left,
+    trial by trial, as a correlation: one that explains all there is may gain little here and much there.
     """
     gain, error = gain_over_trials(before, after)
     if not np.isfinite(error):
@@ -240,11 +244,14 @@ def chance_over_trials(before: HeldOut, after: HeldOut, tries: int) -> float:
     old, new = before.error_n2.sum(axis=1), after.error_n2.sum(axis=1)
     share = (old - new) / np.maximum(old + new, 1e-300)
     count = len(share)
-    sure = max(gain / max(error, 1e-300), surely(old - new), surely(share))
+    ways = [gain / max(error, 1e-300), surely(old - new), surely(share)]
+    if added_n2 is not None:
+        ways.append(surely((old - new + added_n2) / np.maximum(2.0 * np.sqrt(old * added_n2), 1e-300)))
+    sure = max(ways)
     by_mean = float(stats.t.sf(sure, count - 1))
     moved = share[share != 0.0]  # without nil, ranks are exact and quick
     by_rank = float(stats.wilcoxon(moved, alternative="greater").pvalue) if len(moved) else 1.0
-    return min(4 * tries * min(by_mean, by_rank), 1.0)
+    return min((len(ways) + 1) * tries * min(by_mean, by_rank), 1.0)
 
 
 def surely(gains: Array) -> float:

@@ -269,6 +269,30 @@ def test_the_best_of_several_useless_candidates_is_rarely_thought_no_chance(unli
     assert called <= most * times
 
 
+def test_what_goes_with_all_that_is_left_in_every_trial_is_no_chance_though_it_is_large_in_few():
+    """A wave of the sheet that noise hides in some of eight trials: it explains itself in each."""
+    noise, wave = 1.0, np.array([0.04, 0.15, 0.2, 0.4, 0.8, 1.0, 2.5, 6.0])
+    before = _heldout((noise + wave).tolist())
+    after = _heldout(np.full(8, noise).tolist())
+    assert chance_over_trials(before, after, 4) > CHANCE
+    assert chance_over_trials(before, after, 4, wave) < CHANCE
+
+
+def test_what_does_not_go_with_what_is_left_is_chance():
+    """Of a useless one the product with what is left is as often negative."""
+    draw, called, times = np.random.default_rng(6), 0, 2000
+    for _ in range(times):
+        size = np.exp(draw.normal(0.0, 1.0, 8))
+        tries = []
+        for _ in range(4):
+            added = 0.01 * size * np.exp(draw.normal(0.0, 1.0, 8))
+            product = draw.normal(0.0, 0.05, 8) * np.sqrt(size * added)
+            tries.append((_heldout((size + added - 2.0 * product).tolist()), added))
+        before = _heldout(size.tolist())
+        called += min(chance_over_trials(before, after, 4, added) for after, added in tries) < CHANCE
+    assert called <= 0.015 * times
+
+
 def _by_axis(error: list[list[float]]) -> HeldOut:
     return HeldOut(np.asarray(error), np.full((len(error), 3), 1.0), None, np.arange(len(error)))
 
