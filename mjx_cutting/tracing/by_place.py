@@ -29,7 +29,9 @@ def by_place(
     followed: Lines | None = None,
 ) -> Pass:
     """The pass, or the better one over trials in pieces that names one of `moving`, of which the response
-    changes along the path. Tried beside such are the most telling effects of the first round."""
+    changes along the path. Tried beside such are the most telling effects of the first round. Of pieces only
+    the orders of `followed` are read, and what is found there is fitted anew to the trials; default those of
+    the pass, and not."""
     dataset, rounds = first.dataset, first.search.rounds
     on_path = first.search.problem.motion is not None
     if on_path or not moving or near_floor(first) or not rounds or dataset.tool.kind in LEVEL_KINDS:
@@ -48,7 +50,8 @@ def by_place(
     found = searches.steady(pieces, list(dict.fromkeys([*moving, *first.search.effects, *telling])))
     if not any(kind.by_position for kind in found.search.effects):
         return first
-    search = of_whole_trials(found.search, found.lines, first.search, dataset, first.lines)
+    anew = followed is not None
+    search = of_whole_trials(found.search, found.lines, first.search, dataset, first.lines, anew)
     if search.final.nrmse >= first.final.nrmse:
         return first
     model = for_use(dataset, search.final_fit.model)

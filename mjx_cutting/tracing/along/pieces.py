@@ -54,9 +54,12 @@ def in_pieces(dataset: Dataset, lines: Lines) -> Dataset | None:
     return replace(dataset, trials=tuple(trials))
 
 
-def of_whole_trials(found: Search, pieces: Lines, first: Search, dataset: Dataset, lines: Lines) -> Search:
-    """A search on the lines of `pieces` as one on the trials: their problem, the final model fitted to them
-    with its response moving along each, its error on those held out, and that of `first`'s base model."""
+def of_whole_trials(
+    found: Search, pieces: Lines, first: Search, dataset: Dataset, lines: Lines, anew: bool
+) -> Search:
+    """A search on the lines of `pieces` as one on the trials: their problem, the error of `first`'s base
+    model, and that of the final model with its response moving along each held-out trial. `anew`: fitted to
+    the trials first, as where the response changes by more within a piece than its mean tells."""
     problem = eqx.tree_at(
         lambda each: (each.weight, each.scale, each.bias_unit_n),
         first.problem,
@@ -64,10 +67,14 @@ def of_whole_trials(found: Search, pieces: Lines, first: Search, dataset: Datase
     )
     fits, fold = found.final.fits, found.final.fold
     assert fits is not None
-    x, by_fold = fit_on_path(dataset, lines, problem, found.effects, np.asarray(found.final_fit.x), fold)
-    made = jax.vmap(lambda each: model_at(problem, each, found.effects))
-    fits = replace(fits, x=jnp.asarray(by_fold), model=made(jnp.asarray(by_fold)))
-    whole = replace(found.final_fit, x=jnp.asarray(x), model=model_at(problem, jnp.asarray(x), found.effects))
+    whole = found.final_fit
+    if anew:
+        x, by_fold = map(
+            jnp.asarray, fit_on_path(dataset, lines, problem, found.effects, np.asarray(whole.x), fold)
+        )
+        whole = replace(whole, x=x, model=model_at(problem, x, found.effects))
+        made = jax.vmap(lambda each: model_at(problem, each, found.effects))
+        fits = replace(fits, x=by_fold, model=made(by_fold))
     error = np.zeros_like(first.base.error_n2)
     for f in range(int(fold.max()) + 1):
         model = jax.tree.map(lambda leaf, f=f: leaf[f], fits.model)
@@ -77,7 +84,7 @@ def of_whole_trials(found: Search, pieces: Lines, first: Search, dataset: Datase
         for index in held:
             error[index] = np.sum(told[index].residual_n ** 2, axis=0)
     final = HeldOut(error, first.base.energy_n2, fits, fold)
-    own = parameters(found.problem, pieces, found.effects, whole, final)
+    own = parameters(found.problem, pieces, found.effects, whole, final) if anew else found.intervals
     return replace(
         found,
         problem=problem,

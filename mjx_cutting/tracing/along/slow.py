@@ -22,7 +22,7 @@ from mjx_cutting.tracing.records.course import Course
 MOST_SLOW = 6
 _MOST_LAYERS = 3
 _MORE = 0.2
-_NEARLY, _HARDLY_LESS = 0.98, 0.99
+_NEARLY = 0.98
 _BLENDED = 0.4
 _AT_ONE = 0.02
 _MUCH_LESS = 0.9
@@ -155,9 +155,8 @@ def _least_of_layers(
 def _stack(
     kind: Kind, trials: Sequence[Course], before: HeldOut, test: Asked, beside: list[Array], least: float
 ) -> list[SlowCandidate]:
-    """Several of a kind that together explain `least`, as a sheet of several layers, but for what force free
-    in position makes of noise, and a little more where they are even between borders; empty where they do
-    not: steps come near to anything, if not quite."""
+    """Several of a kind that together explain `least`, as a sheet of several layers, or nearly that where
+    they are even between borders; empty where they do not: steps come near to anything, if not quite."""
     found: list[SlowCandidate] = []
     best: list[SlowCandidate] = []
     rest, error = trials, before
@@ -169,8 +168,8 @@ def _stack(
         rest, error = without(rest, one), one.heldout
         closer = fitted_together(kind, found, rest, test.weight)
         explained = fall_of_error(before, closer[-1].heldout, test.weight)
-        nearly = _NEARLY if _has_steps(closer) else _HARDLY_LESS
-        if explained >= (1.0 if best else nearly) * least:
+        nearly = _NEARLY if not best and _has_steps(closer) else 1.0
+        if explained >= nearly * least:
             best = closer
             least = explained + _MORE * float(np.sum(closer[-1].heldout.error_n2 * test.weight**2))
         if len(found) > 1:

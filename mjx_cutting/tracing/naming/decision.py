@@ -246,7 +246,7 @@ def chance_over_trials(
     count = len(share)
     ways = [gain / max(error, 1e-300), surely(old - new), surely(share)]
     if added_n2 is not None:
-        ways.append(surely((old - new + added_n2) / np.maximum(2.0 * np.sqrt(old * added_n2), 1e-300)))
+        ways.append(surely((old - new + added_n2) / np.maximum(2.0 * np.sqrt(old * added_n2), 1e-100)))
     sure = max(ways)
     by_mean = float(stats.t.sf(sure, count - 1))
     moved = share[share != 0.0]  # without nil, ranks are exact and quick

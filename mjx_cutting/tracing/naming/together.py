@@ -3,7 +3,8 @@
 What one effect leaves unexplained of another's work is scatter to a test of it alone: few trials, of which a
 size effect and a drift each take half of what is missing, name neither. So where no candidate passes and much
 is missing, the two that explain most together are tried. They are named where together they leave little of
-it, beyond what the best of all pairs does by chance, and each passes every test beside the other.
+it, beyond what the best of all pairs does by chance, and each passes every test beside the other. Beside the
+other each is told as finely as the trials show it: wear in its stages.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyond_chance, try_effect
 from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.naming.finer import finer
 
 _STEPS = 8
 _LEFT = 0.35
@@ -41,24 +43,34 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
     if not squares < _LEFT**2 * float(before.squares):
         return None
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
-    last = first.kind.size(problem.tool)
-    x = x if pair[1] is second else _exchanged(x, last, second.kind.size(problem.tool))
-    both = (*effects, first.kind, second.kind)
-    later = try_effect(contest, both, x, first.fit, first.heldout)
+    own, last = first.kind.size(problem.tool), second.kind.size(problem.tool)
+    x = x if pair[1] is second else _exchanged(x, own, last)
+    later = _finest(contest, (*effects, first.kind, second.kind), x, first)
+    last = later.kind.size(problem.tool)
+    x = _exchanged(np.asarray(later.fit.x), last, own)
+    earlier = _finest(contest, (*effects, later.kind, first.kind), x, second)
+    both = (*effects, earlier.kind, later.kind)
+    if earlier.kind is not first.kind:
+        x = _exchanged(np.asarray(earlier.fit.x), earlier.kind.size(problem.tool), last)
+        later = try_effect(contest, both, x, first.fit, first.heldout)
     tries = contest.tries**2
     by_chance = beyond_chance(problem, contest.lines, effects, before, both, later.fit, tries)
-    x = _exchanged(np.asarray(later.fit.x), second.kind.size(problem.tool), last)
-    turned = (*effects, second.kind, first.kind)
-    earlier = try_effect(contest, turned, x, second.fit, second.heldout)
     passed = earlier.decision.accepted and later.decision.accepted and by_chance <= CHANCE
     if not (passed and _little_is_left(alone.before, first.heldout, second.heldout, later.heldout)):
         return None
-    named = replace(first, decision=earlier.decision)
+    named = replace(first, kind=earlier.kind, decision=earlier.decision)
     others = (each for each in alone.candidates if each not in pair)
     return (
         replace(alone, accepted=named, candidates=(named, *others)),
         Round(first.heldout, alone.screened, (later,), later),
     )
+
+
+def _finest(contest: Contest, effects: Effects, x: NDArray[np.floating], other: Candidate) -> Candidate:
+    """The last of `effects` tried from the unknowns `x` [U] beside the `other` of the pair alone, with more
+    unknowns of its own where they explain more."""
+    found = try_effect(contest, effects, x, other.fit, other.heldout)
+    return finer(found, contest, effects, other.fit, other.heldout)
 
 
 def _descended(
