@@ -102,7 +102,8 @@ class EntryExit(AbstractEffect):
 def part_of_arc(cut: Cut, ahead: ArrayLike) -> Cut:
     """The cut over the part of its arc that is [...] or more ahead of the tool's axis, over the radius: where
     the sine of a tooth's angle is at least that."""
-    begin = jnp.arcsin(jnp.clip(jnp.asarray(ahead), 0.0, _FOREMOST))
+    ahead = jnp.asarray(ahead)
+    begin = jnp.where(ahead < 1.0, jnp.arcsin(jnp.clip(ahead, 0.0, _FOREMOST)), 0.5 * jnp.pi)
     entry = jnp.maximum(jnp.asarray(cut.entry_rad), begin)
     exit_ = jnp.maximum(jnp.minimum(jnp.asarray(cut.exit_rad), jnp.pi - begin), entry)
     return cut.replace(entry_rad=entry, exit_rad=exit_)

@@ -215,13 +215,13 @@ def test_an_axis_meets_the_sheet_where_its_rim_has_gone_in():
             )
 
 
-@pytest.mark.parametrize("place_m", [0.0101, 0.018, 0.121, 0.125])
+@pytest.mark.parametrize("place_m", [0.0101, 0.018, 0.114, 0.121])
 @pytest.mark.parametrize("share", [1.0, 0.6])
 def test_lines_at_the_ends_of_the_sheet_are_exact(place_m, share):
     """Those of a tooth that meets the sheet within its arc, against fine steps of a turn."""
     tool, start_m, length_m, radius = Tool("end_mill", 1, 0.025), 0.01, 0.1, 0.0125
     ends = ForceModel(tool, model(1).material, (effect_class("entry_exit")(share, start_m, length_m),))
-    cut, fine = slot(4e-5, 1).replace(position_m=place_m), 65536
+    cut, fine = slot(4e-5, 1).replace(position_m=place_m), 2**20
     angle = 2.0 * np.pi * np.arange(fine) / fine
     turn = cut.replace(angle_rad=angle, gate_rad=2.0 * np.pi / fine)
     tooth_m = place_m - start_m - radius + radius * np.sin(angle)
@@ -230,7 +230,7 @@ def test_lines_at_the_ends_of_the_sheet_are_exact(place_m, share):
     expected = np.fft.rfft(wave, axis=0)[:61] / fine
     found = np.asarray(order_lines(ends, cut, 60, 960))
     np.testing.assert_allclose(found, expected, atol=5e-4 * np.abs(expected).max())
-    assert np.abs(expected[40:]).max() > 0.01 * np.abs(expected).max()
+    assert np.abs(expected[40:]).max() > 0.003 * np.abs(expected).max()
 
 
 def test_lines_at_the_first_touch_have_a_slope():
