@@ -44,7 +44,7 @@ from mjx_cutting.tracing.records.spindle import as_turned
 from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import above_band
-from mjx_cutting.tracing.telling.axes import better_reading
+from mjx_cutting.tracing.telling.axes import better_reading, other_columns
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
@@ -123,7 +123,9 @@ def _trace(
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
+    said = dataset.axes
     dataset = as_turned(as_levels(dataset))
+    columns = other_columns(said, dataset.axes)
     if BrokenTooth in kinds:
         dataset = parted_at_breakage(dataset)
     with _platform.x64():
@@ -203,7 +205,7 @@ def _trace(
             word["remaining"]["description"] += f"; {unnamed}"
         above = above_band(found.dataset, found.model, band)
         zero = zero_in_air(found.dataset, found.model)
-        for told in (above, cut_down, zero):
+        for told in (above, cut_down, zero, columns):
             if told is not None:
                 word["remaining"]["description"] += f"; {told}"
     return Tracing(
@@ -212,7 +214,7 @@ def _trace(
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed, above, cut_down, zero),
+        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns),
     )
 
 

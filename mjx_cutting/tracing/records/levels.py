@@ -39,8 +39,8 @@ def as_levels(dataset: Dataset) -> Dataset:
     """The dataset with every trial of a drill or turning tool cut down to its steady part; others unchanged.
 
     For drills the columns of `force_n` become nothing, torque (N m) and thrust (N), which both count positive
-    against the cut, whichever way they were recorded. Those of a turning tool are read as a lathe has them:
-    the largest along y.
+    against the cut, whichever way they were recorded. Those of a turning tool are read as a lathe has them,
+    the largest along y; where that is not how they were recorded, `axes` changes too.
     """
     if dataset.tool.kind not in LEVEL_KINDS:
         return dataset
@@ -54,23 +54,37 @@ def as_levels(dataset: Dataset) -> Dataset:
     else:
         in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
     trials = [_level(trial) if trial.kind == "cut" else trial for trial in trials] + in_air
+    levels = replace(dataset, trials=tuple(trials))
     mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
-    order, sign = [0, 1, 2], np.where(mean < 0.0, -1.0, 1.0)
     if dataset.tool.kind == "turning":
-        order, sign = _as_on_a_lathe(mean)
-    trials = [replace(trial, force_n=sign * trial.force_n[:, order]) for trial in trials]
-    return replace(dataset, trials=tuple(trials))
+        return _as_on_a_lathe(levels, mean)
+    against = np.where(mean < 0.0, -1.0, 1.0)
+    return replace(levels, trials=tuple(replace(t, force_n=against * t.force_n) for t in trials))
 
 
-def _as_on_a_lathe(mean_n: Array) -> tuple[list[int], Array]:
-    """Which column of a turning tool's force [3], on the mean, is which axis of its base law, and the sign of
-    each. The main cutting force is the largest and along y; the feed is against x. Columns that say so as
-    they are stay, and so does the sign along z, which the law leaves open."""
-    order, main = [0, 1, 2], int(np.argmax(np.abs(mean_n)))
+def _as_on_a_lathe(dataset: Dataset, mean_n: Array) -> Dataset:
+    """A turning tool's forces, [3] on the mean, in the axes of its base law, which `axes` then says: the
+    largest is the main cutting force, along y, and the feed force is against x. What says so as it is stays,
+    and so does the sign along z, which the law leaves open."""
+    of, main = [0, 1, 2], int(np.argmax(np.abs(mean_n)))
     if abs(mean_n[main]) > _MAIN * abs(mean_n[1]):
-        order[main], order[1] = 1, main
-    along, across, _ = mean_n[order]
-    return order, np.array([-1.0 if along > 0.0 else 1.0, -1.0 if across < 0.0 else 1.0, 1.0])
+        of[main], of[1] = 1, main
+    sign = np.where(np.sign(mean_n[of]) * [-1.0, 1.0, 0.0] < 0.0, -1.0, 1.0)
+    if of == [0, 1, 2] and np.all(sign > 0.0):
+        return dataset
+    axes = []
+    for was in dataset.axes or ("+x", "+y", "+z"):
+        now = of.index("xyz".index(was[1]))
+        axes.append(("+" if (was[0] == "+") == (sign[now] > 0.0) else "-") + "xyz"[now])
+    noise = dataset.sensor.noise_std_n
+    if noise is not None and len(noise) == 3:
+        noise = (noise[of[0]], noise[of[1]], noise[of[2]])
+    return replace(
+        dataset,
+        axes=(axes[0], axes[1], axes[2]),
+        sensor=replace(dataset.sensor, noise_std_n=noise),
+        trials=tuple(replace(trial, force_n=sign * trial.force_n[:, of]) for trial in dataset.trials),
+    )
 
 
 def _level(trial: Trial) -> Trial:

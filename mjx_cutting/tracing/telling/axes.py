@@ -4,7 +4,8 @@ A sensor mounted another way round, or the force on the sheet taken for the one 
 model that fits badly, whatever effect is then added. So where much is left with all effects found, the base
 model is fitted again to the forces read in every other way: axes exchanged, signs turned. One that leaves
 less than a third of the error is told; nothing is turned round unasked. The sign along the tool's axis cannot
-be told from lines, for the axial constants may have either.
+be told from lines, for the axial constants may have either. Of a turning tool, of which other standards have
+the axes otherwise, the main cutting force is found (`levels`), and what was made of the columns is told.
 """
 
 from __future__ import annotations
@@ -43,6 +44,17 @@ class Reading(NamedTuple):
             f"of force are read as {list(self.axes)}: check how the sensor is mounted, and `axes` in "
             "dataset.json"
         )
+
+
+def other_columns(said: tuple[str, str, str] | None, read: tuple[str, str, str] | None) -> str | None:
+    """That the columns of force were `read` otherwise than the data set's `axes` had `said`, in words; None
+    where not."""
+    if said == read:
+        return None
+    return (
+        f"the columns of force were read as {list(read or ())}, the largest as the main cutting force of a "
+        "turning tool: say so in `axes` in dataset.json, or check how the sensor is mounted"
+    )
 
 
 def better_reading(dataset: Dataset, lines: Lines, problem: Problem, left: float) -> Reading | None:

@@ -201,19 +201,6 @@ def test_air_beside_the_cut_stands_beside_the_cuts_where_the_session_was_zeroed_
         assert air.clock_start_s == 60.0 * by and len(air.time_s) == len(air.force_n) < 0.3 * RATE_HZ
 
 
-@pytest.mark.parametrize(
-    ("columns", "signs"), [([0, 1, 2], [1, 1, 1]), ([0, 2, 1], [1, 1, 1]), ([1, 0, 2], [-1, -1, 1])]
-)
-def test_the_largest_force_on_a_turning_tool_is_the_main_one_whichever_column_it_is_in(columns, signs):
-    made = make("turning", {"size_effect": "strong"}, 402).dataset
-    turned = replace(
-        made, trials=tuple(replace(t, force_n=signs * t.force_n[:, columns]) for t in made.trials)
-    )
-    read = as_levels(turned)
-    for trial, expected in zip(read.trials, as_levels(made).trials, strict=True):
-        np.testing.assert_allclose(trial.force_n, expected.force_n)
-
-
 def test_air_after_the_cut_shows_the_zero_of_a_turning_tool(turning_cut):
     generator, offsets = np.random.default_rng(2), (3.0, -5.0, 2.0)
     time = np.arange(500) / RATE_HZ
