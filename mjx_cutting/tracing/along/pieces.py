@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.on_path import fit_on_path
 from mjx_cutting.tracing.fitting.prediction import predictions
-from mjx_cutting.tracing.fitting.problem import model_at, shared_bias
+from mjx_cutting.tracing.fitting.problem import Problem, model_at, shared_bias
 from mjx_cutting.tracing.naming.candidate import parameters
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.course import along_path
@@ -60,10 +59,12 @@ def of_whole_trials(
     """A search on the lines of `pieces` as one on the trials: their problem, the error of `first`'s base
     model, and that of the final model with its response moving along each held-out trial. `anew`: fitted to
     the trials first, as where the response changes by more within a piece than its mean tells."""
-    problem = eqx.tree_at(
-        lambda each: (each.weight, each.scale, each.bias_unit_n),
+    problem = replace(
         first.problem,
-        (found.problem.weight, found.problem.scale, found.problem.bias_unit_n),
+        weight=found.problem.weight,
+        scale=found.problem.scale,
+        bias_unit_n=found.problem.bias_unit_n,
+        given=found.problem.given,
     )
     fits, fold = found.final.fits, found.final.fold
     assert fits is not None
@@ -88,9 +89,17 @@ def of_whole_trials(
     return replace(
         found,
         problem=problem,
-        base_fit=first.base_fit,
+        base_fit=replace(first.base_fit, x=_in_units(first.base_fit.x, first.problem, problem)),
         base=first.base,
         final_fit=whole,
         final=final,
         intervals=tuple(own),
     )
+
+
+def _in_units(x: ArrayLike, was: Problem, now: Problem) -> jax.Array:
+    """Unknowns [U] of a base model in the units of another problem of the same kind."""
+    common = was.scale / now.scale
+    if was.shared_bias:
+        common = jnp.concatenate([common, jnp.full(3, was.bias_unit_n / now.bias_unit_n)])
+    return jnp.asarray(x).at[: len(common)].multiply(common)

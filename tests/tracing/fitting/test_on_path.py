@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from benchmarks.study import make
 from mjx_cutting import _platform
@@ -15,6 +16,7 @@ from mjx_cutting.tracing.records.lines import compress, trusted_band
 CONSTANTS = ("K_tc_n_m2", "K_rc_n_m2", "K_ac_n_m2", "K_te_n_m", "K_re_n_m", "K_ae_n_m")
 
 
+@pytest.mark.slow
 def test_constants_and_the_end_of_the_sheet_are_found_on_ramps():
     """From constants 5 to 20 % off and a sheet that begins .1 mm too soon. Of nine slots five end within the
     way in."""
