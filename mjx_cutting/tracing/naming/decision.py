@@ -231,12 +231,12 @@ def chance_over_trials(
     own there.
 
     A useless one gains neither over all trials nor, trial by trial, in energy, nor in shares of what each
-    leaves, nor in more of them than it loses in; the surest counts (t, t, t, signed ranks), as one of as
-    many tries. Where a few trials hold most of the force, or of the error, all of them say little of
-    what shows in every one; a hum is the same energy in each, whatever else they leave; the shares say little
-    of a place that few trials reach; where they differ widely among trials that all gain, a mean and its
-    scatter say less than the ranks. Where `added_n2` is known, so does how it goes with what was left,
-    trial by trial, as a correlation: one that explains all there is may gain little here and much there.
+    leaves, nor in more of them than it loses in, nor does what it adds go with what was left. The surest of
+    these four or five (t, t, t, signed ranks, t) counts, as one of as many tries. Where a few trials hold
+    most of the force, or of the error, all of them say little of what shows in every one; a hum is the same
+    energy in each, whatever else they leave; the shares say little of a place that few trials reach; where
+    they differ widely among trials that all gain, a mean and its scatter say less than the ranks; of what
+    noise hides in some of a few trials, the correlation of what is added with what was left says most.
     """
     gain, error = gain_over_trials(before, after)
     if not np.isfinite(error):
@@ -246,7 +246,8 @@ def chance_over_trials(
     count = len(share)
     ways = [gain / max(error, 1e-300), surely(old - new), surely(share)]
     if added_n2 is not None:
-        ways.append(surely((old - new + added_n2) / np.maximum(2.0 * np.sqrt(old * added_n2), 1e-100)))
+        size = np.sqrt(np.maximum(old * added_n2, 0.0))
+        ways.append(surely((old - new + added_n2) / np.maximum(2.0 * size, 1e-100)))
     sure = max(ways)
     by_mean = float(stats.t.sf(sure, count - 1))
     moved = share[share != 0.0]  # without nil, ranks are exact and quick

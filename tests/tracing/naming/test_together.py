@@ -48,17 +48,32 @@ def test_a_gain_that_switches_at_random_is_not_two_effects():
     assert trace(case.dataset, effects=LAWS).verdict["verdict"] == "unexplained"
 
 
-HOLES = """a - 18 .000 0; a 3 18 .000 217; a 6 22 .438 439; a 4 14 .794 566; a 2 14 1.156 702; b 6 22 .000 968
-    b 4 18 .498 1188;b 2 18 .864 1428; b 6 18 1.265 1704; c 2 22 .000 1993; c 3 22 .253 2117;c - 18 .527 2337
-    c 4 18 .527 2566; c 2 18 .820 2770; c - 18 1.220 2972; c - 18 1.220 3170""".replace("\n", ";").split(";")
-"""Drill, feed in mm/s (or in air), revolutions a second, length cut before in m, clock in s."""
+HOLES = """
+a - 18 .000 0
+a 3 18 .000 217
+a 6 22 .438 439
+a 4 14 .794 566
+a 2 14 1.156 702
+b 6 22 .000 968
+b 4 18 .498 1188
+b 2 18 .864 1428
+b 6 18 1.265 1704
+c 2 22 .000 1993
+c 3 22 .253 2117
+c - 18 .527 2337
+c 4 18 .527 2566
+c 2 18 .820 2770
+c - 18 1.220 2972
+c - 18 1.220 3170
+"""
+"""Drill, feed in mm/s (- in air), revolutions a second, length cut before in m, clock in s."""
 
 
 def _three_drills(rate_hz: float = 200.0) -> Dataset:
     """Twelve holes by three drills, whose edges wear fast while they are sharp, behind a sensor that drifts,
     read four times in air."""
     draw, time, trials = np.random.default_rng(4), np.arange(300) / rate_hz, []
-    for index, hole in enumerate(HOLES, 1):
+    for index, hole in enumerate(HOLES.split("\n")[1:-1], 1):
         drill, feed, *numbers = hole.split()
         speed, before_m, clock_s = map(float, numbers)
         cut, feed_m_s = feed != "-", 1e-3 * float(feed) if feed != "-" else 3e-3
