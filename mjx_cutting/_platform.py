@@ -3,8 +3,9 @@
 Why each is here:
 
 * XLA's CPU fusion emitters recompute a kinematic chain's ancestors exponentially (a thousandfold slower
-  `mjx.step`), so `jit` turns them off where the backend is a CPU. The option is per function: as a
-  process-wide flag it would abort a process whose jaxlib does not know it.
+  `mjx.step`), so `jit` turns them off where the backend is a CPU and its compiler knows the option: jaxlib
+  0.11 has neither the option nor the trap. The option is per function: as a process-wide flag it would abort
+  a process whose jaxlib does not know it.
 * Several OpenBLAS threads under `vmap` are some thirty times slower than one, so this module asks for one,
   unless the user has said otherwise. It works only where this module is imported before NumPy's or SciPy's
   BLAS is loaded.
@@ -83,7 +84,7 @@ class PlatformJit:
 
         if jax.default_backend() != "cpu":
             return self._nested
-        options = {**self._cpu_options, **self._jit_kwargs.get("compiler_options", {})}
+        options = {**known_options(self._cpu_options), **self._jit_kwargs.get("compiler_options", {})}
         return jax.jit(self._function, **{**self._jit_kwargs, "compiler_options": options})
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -116,6 +117,24 @@ def jit_for_few_calls(function: Callable[..., Any], **jit_kwargs: Any) -> Any:
     of a first state, or seldom against what it takes to compile, is compiled several times as fast and runs
     slower. `jit_kwargs` as of `jit`."""
     return PlatformJit(function, CPU_OPTIONS_FOR_FEW_CALLS, **jit_kwargs)
+
+
+def known_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Returns those compiler options of XLA that this machine's compiler knows: it refuses any other."""
+    return {name: value for name, value in options.items() if _is_known(name, value)}
+
+
+@functools.cache
+def _is_known(name: str, value: Any) -> bool:
+    import jax
+
+    try:
+        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
+    except jax.errors.JaxRuntimeError as error:
+        if "No such compile option" in str(error):
+            return False
+        raise
+    return True
 
 
 def _is_traced(arguments: Any) -> bool:

@@ -13,11 +13,25 @@ import sys
 
 def choose() -> None:
     """Set MUJOCO_GL to "egl" or "osmesa", whichever library is installed, on a Linux without display."""
-    if "MUJOCO_GL" in os.environ or not sys.platform.startswith("linux"):
-        return
-    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+    if not _open():
         return
     for name, library in (("egl", "EGL"), ("osmesa", "OSMesa")):
         if ctypes.util.find_library(library):
             os.environ["MUJOCO_GL"] = name
             return
+
+
+def required() -> None:
+    """Raise RuntimeError where nothing can draw: a second attempt would end the process inside MuJoCo."""
+    if _open():
+        raise RuntimeError(
+            "no off-screen OpenGL: no display, and neither EGL nor OSMesa is installed; install one (Debian: "
+            "apt-get install libegl1 libosmesa6) and start Python anew"
+        )
+
+
+def _open() -> bool:
+    """Whether nobody has chosen and there is no display."""
+    if "MUJOCO_GL" in os.environ or not sys.platform.startswith("linux"):
+        return False
+    return not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjx_cutting.sim import robot
+from mjx_cutting.sim import headless, robot
 from mjx_cutting.sim.env import CuttingEnv
 from mjx_cutting.sim.materials import MATERIALS
 
@@ -75,6 +75,7 @@ class Scene:
     def __post_init__(self) -> None:
         if self.camera not in _CAMERAS:
             raise ValueError(f"camera is {self.camera!r}; expected one of {', '.join(_CAMERAS)}")
+        headless.required()
         self._model = scene_model(self.env, self.material)
         self._data = mujoco.MjData(self._model)
         try:

@@ -214,6 +214,7 @@ def machine() -> dict[str, Any]:
         "load_average_1_min": load,
         "backend": jax.default_backend(),
         "device": str(jax.devices()[0]),
+        "device_kind": jax.devices()[0].device_kind,
         "jax": jax.__version__,
     }
 

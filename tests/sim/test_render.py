@@ -62,6 +62,14 @@ def test_unknown_suffix_and_camera_are_refused(env, tmp_path):
         scene.Scene(env, "foam", 64, 64, "side")
 
 
+def test_a_machine_that_cannot_draw_is_told_so_at_every_attempt(env, monkeypatch):
+    for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="neither EGL nor OSMesa is installed"):
+            scene.Scene(env)
+
+
 def test_traces_of_any_length(shots):
     for count in (1, 2, len(shots)):
         times = np.asarray([shot.time_s for shot in shots[:count]])
