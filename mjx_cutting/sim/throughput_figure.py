@@ -35,7 +35,8 @@ def draw(result: dict[str, Any], path: str | Path) -> Path:
         axes.axhline(rate, color=colour, linestyle=style, linewidth=1.2, label=label)
     axes.set(xscale="log", yscale="log", xlabel="environments at once", ylabel="physics steps per second")
     machine = result["machine"]
-    axes.set_title(f"{machine['cores']} cores, jax {machine['jax']}, {machine['backend']}", fontsize=10)
+    name = machine["backend"] if machine["backend"] == "cpu" else machine["device_kind"]
+    axes.set_title(f"{machine['cores']} cores, jax {machine['jax']}, {name}", fontsize=10)
     axes.grid(alpha=0.25, which="major")
     figure.legend(loc="outside lower center", ncols=2, fontsize=8, frameon=False)
     buffer = io.BytesIO()
