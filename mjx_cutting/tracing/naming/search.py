@@ -134,8 +134,10 @@ def _accepted(tried: Sequence[Candidate]) -> Candidate | None:
 def _worth_a_round(problem: Problem, lines: Lines, heldout: HeldOut) -> bool:
     """Whether an effect more could account for as much of the force as one must (`decision`): none takes away
     what lies between the lines."""
-    left = (heldout.error_n2.sum() - lines.rest_n2.sum()) / heldout.energy_n2.sum()
-    return bool(left >= problem.tolerance**2)
+    assert heldout.fits is not None
+    own = heldout.fold[lines.owner]
+    left_n2 = np.asarray(heldout.fits.error_n2)[own, np.arange(problem.trials)]
+    return bool(left_n2.sum() >= problem.tolerance**2 * heldout.energy_n2.sum())
 
 
 def shortlist(screened: Sequence[Screened]) -> list[Screened]:

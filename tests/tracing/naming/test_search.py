@@ -38,6 +38,18 @@ def test_a_drift_that_one_cold_trial_shows_most_is_not_called_wear():
     assert [each["name"] for each in found["effects"]] == ["thermal_drift"]
 
 
+def test_a_drift_is_looked_for_beside_wear_that_grows_within_the_holes():
+    # What wear explains between the lines of a hole does not make what is left in its level any less.
+    case = make("drill", {"flank_wear": "medium", "thermal_drift": "medium"}, 404)
+    said = trace(case.dataset, effects=("flank_wear", "thermal_drift")).verdict
+    assert said["verdict"] == "explained"
+    assert [each["name"] for each in said["effects"]] == ["flank_wear", "thermal_drift"]
+    drift = said["effects"][1]["parameters"]
+    true = case.truth["effects"]["thermal_drift"]
+    assert drift["drift_n"]["values"][2] == pytest.approx(true["drift_n"][2], rel=0.25)
+    assert drift["tau_s"]["low"] < true["tau_s"] < drift["tau_s"]["high"]
+
+
 @pytest.mark.slow
 def test_an_arm_that_swings_in_two_directions_has_two_modes_and_one_name(hiding):
     along = {"mass_ratio": 0.3, "frequency_hz": 180.0, "damping": 0.04, "direction_rad": 0.1}
