@@ -115,7 +115,7 @@ def _off_the_orders(
             f"{len(alike)} that show any"
         )
     reasons += _reasons(dataset, after, shown, frequency, before, held_out)
-    order = _shared_order([each[i] for i in shown], [after[i] for i in shown], teeth)
+    order = _shared_order(each, after, shown, teeth)
     if order is not None:
         reasons.append(
             f"the lines stand {order:.3f} times the spindle's frequency beside tooth passing at every speed: "
@@ -212,21 +212,29 @@ def _common(found: Sequence[Vibration]) -> tuple[Array, NDArray[np.bool_]]:
     return nearest(middle), apart(middle) < _SPREAD
 
 
-def _shared_order(found: Sequence[Vibration], trials: Sequence[Prediction], teeth: int) -> float | None:
-    """How many times the spindle's frequency a strong line of every trial stands beside a multiple of tooth
-    passing, where that is the same in all although the speeds differ; else None."""
-    speeds = np.array([trial.speed_rev_s for trial in trials])
-    if not len(speeds) or np.ptp(speeds) <= SPREAD * speeds.mean():
+def _shared_order(
+    each: Sequence[Vibration], after: Sequence[Prediction], shown: Sequence[int], teeth: int
+) -> float | None:
+    """How many times the spindle's frequency a strong line of every trial `shown` stands beside a multiple of
+    tooth passing, where that is the same although the speeds differ; else None. Where those shown ran at one
+    speed, most of the others that ran at another and have lines too, however small, must have that one."""
+    with_lines = [i for i, v in enumerate(each) if len(v.lines_hz)]
+    speed = np.array([trial.speed_rev_s for trial in after])
+    finest = _SAME_ORDER / (speed * [trial.time_s[-1] for trial in after])
+    beside = {}
+    for i in with_lines:
+        v = each[i]
+        orders = v.lines_hz[v.over_noise >= _NEARLY_AS_STRONG * v.over_noise.max()] / speed[i]
+        beside[i] = np.abs(orders - teeth * np.round(orders / teeth))
+    if not shown:
         return None
-    strong = [
-        v.lines_hz[v.over_noise >= _NEARLY_AS_STRONG * v.over_noise.max()] / speed
-        for v, speed in zip(found, speeds, strict=True)
-    ]
-    beside = [np.abs(orders - teeth * np.round(orders / teeth)) for orders in strong]
-    finest = _SAME_ORDER / (speeds * [trial.time_s[-1] for trial in trials])
-    for order in beside[0]:
-        apart = [np.min(np.abs(orders - order)) for orders in beside]
-        if np.all(np.array(apart) < finest + finest[0]):
+    their = speed[list(shown)]
+    others = [i for i in with_lines if np.min(np.abs(speed[i] - their)) > SPREAD * their.mean()]
+    for order in beside[shown[0]]:
+        same = {i: np.min(np.abs(own - order)) < finest[i] + finest[shown[0]] for i, own in beside.items()}
+        if all(same[i] for i in shown) and (
+            np.ptp(their) > SPREAD * their.mean() or sum(same[i] for i in others) > 0.5 * len(others)
+        ):
             return float(order)
     return None
 

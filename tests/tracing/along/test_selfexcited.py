@@ -136,6 +136,25 @@ def test_lines_at_one_part_of_the_spindle_whatever_the_speed_are_not_self_excite
     ), candidate.decision.reasons
 
 
+@pytest.mark.parametrize("turns_with_the_spindle", [True, False])
+def test_at_one_speed_lines_of_a_gear_are_told_by_what_other_speeds_show(turns_with_the_spindle):
+    """The first three trials, all at one speed, show two lines; the others one, and small: of a gear at the
+    same part of a turn, of a limit cycle at the same frequency."""
+
+    def shaken(time, speed, trial):
+        turn = 2 * np.pi * (speed if turns_with_the_spindle else 50.0) * time
+        if speed > 51.0:
+            return 0.3 * np.cos((TEETH + 0.371) * turn)
+        return np.cos((TEETH + 0.371) * turn + trial) + 0.7 * np.cos((TEETH - 0.371) * turn)
+
+    found = find_vibration(*_session(shaken, speeds=(50.0, 50.05, 50.1, 58.0, 61.0, 70.0)))
+    assert found is not None
+    (candidate,) = found.round.candidates
+    turned = [each for each in candidate.decision.reasons if "something that turns with it" in each]
+    assert len(turned) == int(turns_with_the_spindle)
+    assert (found.round.accepted is None) == turns_with_the_spindle
+
+
 def test_a_force_that_is_modulated_slowly_is_not_self_excited():
     def periodic(time, speed, trial):
         return np.cos(2 * np.pi * 3.1 * time + trial) * (2.0 + np.cos(2 * np.pi * TEETH * speed * time))
