@@ -55,6 +55,16 @@ def test_too_few_angles_are_joined_and_not_guessed_between() -> None:
     np.testing.assert_allclose(force[:, 0], np.sin(0.1 + np.arange(10) * 2.0 * np.pi / 10.0), atol=1e-9)
 
 
+def test_of_a_model_that_changes_along_the_trial_the_median_turn_is_drawn() -> None:
+    """For three fifths of the trial the tool is in the sheet, before that it cuts air."""
+    angle = np.linspace(0.0, 80.0 * np.pi, 8000)
+    force = np.where(angle > 32.0 * np.pi, 3.0 * np.sin(2.0 * angle), 0.0)[:, None]
+    degrees, drawn = revolution.repeated(angle, force, 5)
+    wave = 3.0 * np.sin(2.0 * np.radians(degrees))
+    assert np.abs(drawn[:, 0]).max() < 3.0 and np.mean(np.abs(drawn[:, 0] - wave)) < 0.3
+    np.testing.assert_allclose(drawn[:, 0], revolution.folded(angle, force[:, 0])[1][:, 1])
+
+
 def test_lowest_middle_and_highest_feed_are_shown(make_tracing: Make) -> None:
     shown = revolution.shown(make_tracing(trials=9))
     assert [each.number for each in shown] == [1, 5, 9]

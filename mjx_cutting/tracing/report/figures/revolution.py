@@ -1,8 +1,9 @@
 """Measured against predicted force over one revolution of the tool, before and after.
 
 The samples of a trial are folded by the angle of the tool. The median and the band of the middle 80 % of what
-was measured show what repeats and what does not; the models repeat by construction. Shown are the trials of
-the lowest, the middle and the highest feed per tooth.
+was measured show what repeats and what does not. A model that repeats is drawn as its lines; of one whose
+force changes along the trial the median of its turns stands beside that of the measured ones. Shown are the
+trials of the lowest, the middle and the highest feed per tooth.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ _MOST_BINS = 240
 _CURVE_POINTS = 1441
 _CURVE_SAMPLES = 4000
 _TOLD_APART = 3e-3
+_REPEATS = 0.1
 
 
 def revolution_figure(tracing: Tracing) -> Figure:
@@ -97,18 +99,22 @@ def folded(angle_rad: Array, force: Array) -> tuple[Array, Array]:
 def repeated(angle_rad: Array, force: Array, orders: int) -> tuple[Array, Array]:
     """Draws the lines of a model's record [T, A] over one turn, finer than it was sampled.
 
-    Where the samples fall on too few angles to tell the orders apart, their medians are joined instead.
+    Where the samples fall on too few angles to tell the orders apart, or turn differs from turn by a tenth of
+    what changes in them, their medians are joined instead.
     Returns: tool angle in degrees [P] and force [P, A].
     """
     step = max(1, len(angle_rad) // _CURVE_SAMPLES)
     columns, samples = basis(angle_rad[::step], orders), force[::step]
     gram = columns.T @ columns
     spread = np.linalg.eigvalsh(gram)
-    if spread[0] < _TOLD_APART * spread[-1]:
-        degrees, _ = folded(angle_rad, force[:, 0])
-        return degrees, np.stack([folded(angle_rad, axis)[1][:, 1] for axis in force.T], axis=-1)
-    degrees = np.linspace(0.0, 360.0, _CURVE_POINTS)
-    return degrees, basis(np.radians(degrees), orders) @ np.linalg.solve(gram, columns.T @ samples)
+    if spread[0] >= _TOLD_APART * spread[-1]:
+        weights = np.linalg.solve(gram, columns.T @ samples)
+        changing, rest = samples - samples.mean(axis=0), samples - columns @ weights
+        if np.sum(rest**2) <= _REPEATS**2 * np.sum(changing**2) + 1e-12 * np.sum(samples**2):
+            finely = np.linspace(0.0, 360.0, _CURVE_POINTS)
+            return finely, basis(np.radians(finely), orders) @ weights
+    degrees, _ = folded(angle_rad, force[:, 0])
+    return degrees, np.stack([folded(angle_rad, axis)[1][:, 1] for axis in force.T], axis=-1)
 
 
 def _draw(column: Sequence[Axes], tracing: Tracing, subject: Subject) -> None:
