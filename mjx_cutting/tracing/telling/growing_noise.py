@@ -3,8 +3,9 @@
 An amplifier's ripple, a gain that trembles from sample to sample: the sample's variance is a + g F^2. Read in
 the air, the noise floor is too low for the cut, and a model that lacks nothing would be called unexplained.
 What is left counts as such noise where its size goes with the force, and where, in units of that size, it is
-Gaussian and alike at all frequencies of the band: a force that is missing, chips cut twice, a tooth that
-moves, are slower than the samples; spikes are rare.
+Gaussian and alike at all frequencies of the band, and little of it the mean of a trial, but for a
+factor of its own as small as cuts differ by (`own_factor`): a force that is missing, chips cut twice, a tooth
+that moves, are slower than the samples; spikes are rare.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ from scipy.optimize import nnls
 
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.records.noise import periodogram
+from mjx_cutting.tracing.telling.own_factor import SCATTER, own_factors
 
 _GROWN = 0.3
 _KURTOSIS = 4.5
 _BINS = 12
 _COLOUR = 0.1
+_MEAN = 0.25
 _FEWEST = 256
 Array = NDArray[np.floating]
 
@@ -33,9 +36,11 @@ def growing_noise(left: Sequence[Prediction], rate_hz: float, band_hz: tuple[flo
     """
     if min(len(each.residual_n) for each in left) < _FEWEST:
         return None
+    factors = own_factors(left)
+    alike = factors.without if factors.size < SCATTER else tuple(left)
     grown = False
     for axis in range(3):
-        own = [(each.residual_n[:, axis], _force(each)[:, axis]) for each in left]
+        own = [(each.residual_n[:, axis], _force(each)[:, axis]) for each in alike]
         if not any(residual.any() for residual, _ in own):
             continue
         size = _size(own)
@@ -43,7 +48,7 @@ def growing_noise(left: Sequence[Prediction], rate_hz: float, band_hz: tuple[flo
             return None
         level, gain = size
         unit = [residual / np.sqrt(level + gain * force**2) for residual, force in own]
-        if not (_gaussian(unit) and _white(unit, rate_hz, band_hz)):
+        if not (_gaussian(unit) and _without_mean(unit) and _white(unit, rate_hz, band_hz)):
             return None
         force2 = float(np.mean(np.concatenate([force for _, force in own]) ** 2))
         grown = grown or gain * force2 > _GROWN * level
@@ -71,6 +76,12 @@ def _gaussian(unit: Sequence[Array]) -> bool:
     """Whether deviations in units of their own size have no long tails."""
     each = np.concatenate(unit)
     return bool(np.mean(each**4) < _KURTOSIS * np.mean(each**2) ** 2)
+
+
+def _without_mean(unit: Sequence[Array]) -> bool:
+    """Whether little of them is the mean of a trial."""
+    means = sum(len(each) * float(each.mean()) ** 2 for each in unit)
+    return bool(means < _MEAN * sum(float(np.sum(each**2)) for each in unit))
 
 
 def _white(unit: Sequence[Array], rate_hz: float, band_hz: tuple[float, float]) -> bool:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 
+SCATTER = 0.02
+"""What two cuts of one sheet may differ by as a whole: a limit we set."""
 _MOVING = 0.01
 Array = NDArray[np.floating]
 
@@ -34,11 +36,14 @@ class OwnFactors:
 
 
 def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
-    """The factors, read from what changes within the trials, where it does: the mean may be a bias. What they
-    do to the mean is taken away as well where that leaves less."""
+    """The factors, each read from what changes within its trial, where it does: the mean may be a bias. What
+    they do to the mean is taken away as well where that leaves less."""
     force = [each.predicted_n - each.bias_n for each in predictions]
     moving = [each - each.mean(axis=0) for each in force]
-    read = moving if energy(moving) > _MOVING * energy(force) else force
+    read = [
+        part if energy([part]) > _MOVING * energy([whole]) else whole
+        for part, whole in zip(moving, force, strict=True)
+    ]
     left = [each.residual_n for each in predictions]
     size = np.maximum([float(np.sum(each**2)) for each in read], 1e-300)
     product = np.array([float(np.sum(a * b)) for a, b in zip(read, left, strict=True)])

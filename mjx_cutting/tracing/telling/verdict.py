@@ -23,6 +23,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import measured_speed
 from mjx_cutting.tracing.telling.dependence import Dependence
+from mjx_cutting.tracing.telling.own_factor import SCATTER
 from mjx_cutting.tracing.telling.separation import separations
 from mjx_cutting.tracing.telling.unseen import BESIDE_LINES, needs
 from mjx_cutting.trials.dataset import Dataset
@@ -36,7 +37,6 @@ _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
 _MUCH = 0.01
 _SMALL_PART = 0.25
-_SCATTER = 0.02
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 _WIDER = "trials over a wider range of speed and feed"
 
@@ -213,7 +213,7 @@ def only_scatter(base: HeldOut, before: Sequence[Dependence], floor: float) -> b
 
 def _of_the_trial(each: Dependence) -> bool:
     """Whether this is a factor of each trial's own, too small to be called something missing."""
-    return each.covariate == "trial" and each.found and each.factor < _SCATTER
+    return each.covariate == "trial" and each.found and each.factor < SCATTER
 
 
 def _colour(each: Dependence, least: float) -> bool:
@@ -361,7 +361,7 @@ def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence], own: Depende
         text = "what is left depends on nothing that was measured"
     if own is not None:
         text += f"; the force of each trial is larger or smaller as a whole, by {own.factor:.1%} "
-        text += f"({own.share:.0%} of what is left): below {_SCATTER:.1%} that counts as scatter"
+        text += f"({own.share:.0%} of what is left): below {SCATTER:.1%} that counts as scatter"
     return {
         "depends_on": [each.covariate for each in left],
         "description": text,

@@ -49,3 +49,18 @@ def test_what_is_left_without_the_factors_is_what_was_there_before_them():
     left = sum(float(np.sum(each.residual_n**2)) for each in found.without)
     assert left == pytest.approx(float(np.sum(noise**2)), rel=0.01)
     assert found.share == pytest.approx(1.0 - left / whole, rel=0.01)
+
+
+def test_of_a_trial_whose_lines_lie_above_the_band_the_factor_is_that_of_its_mean():
+    """Many teeth at once leave a steady force in the third."""
+    time = 0.01 * np.arange(500)
+    wave = np.sin(2.0 * np.pi * 3.0 * time)[:, None] * np.ones(3)
+    noise = 0.01 * np.random.default_rng(0).normal(size=(3, 500, 3))
+    factor, force = np.array([0.04, -0.04, 0.04]), [10.0 + 5.0 * wave, 10.0 + 5.0 * wave, 10.0 + 0.0 * wave]
+    seen = [
+        Prediction("a.csv", time, time, (1.0 + own) * each + rest, each, 1.0, np.zeros(3))
+        for own, each, rest in zip(factor, force, noise, strict=True)
+    ]
+    found = own_factors(seen)
+    np.testing.assert_allclose(found.factor, factor, atol=1e-3)
+    assert found.share > 0.99
