@@ -36,14 +36,19 @@ class OwnFactors:
 
 
 def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
-    """The factors, each read from what changes within its trial, where it does: the mean may be a bias. What
-    they do to the mean is taken away as well where that leaves less."""
+    """The factors, read from what changes within the trials, where it does: the mean may be a bias. Where one
+    bias is that of all, the factor of a trial in which nothing changes is read from its mean. What they do to
+    the mean is taken away as well where that leaves less."""
     force = [each.predicted_n - each.bias_n for each in predictions]
     moving = [each - each.mean(axis=0) for each in force]
-    read = [
-        part if energy([part]) > _MOVING * energy([whole]) else whole
-        for part, whole in zip(moving, force, strict=True)
-    ]
+    bias = np.stack([each.bias_n for each in predictions])
+    one_zero = bool(np.all(np.ptp(bias, axis=0) <= 1e-9 * np.abs(bias).max()))
+    read = force
+    if energy(moving) > _MOVING * energy(force):
+        read = [
+            whole if one_zero and energy([part]) <= _MOVING * energy([whole]) else part
+            for part, whole in zip(moving, force, strict=True)
+        ]
     left = [each.residual_n for each in predictions]
     size = np.maximum([float(np.sum(each**2)) for each in read], 1e-300)
     product = np.array([float(np.sum(a * b)) for a, b in zip(read, left, strict=True)])

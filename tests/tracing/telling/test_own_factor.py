@@ -52,7 +52,7 @@ def test_what_is_left_without_the_factors_is_what_was_there_before_them():
 
 
 def test_of_a_trial_whose_lines_lie_above_the_band_the_factor_is_that_of_its_mean():
-    """Many teeth at once leave a steady force in the third."""
+    """Many teeth at once leave a steady force in the third; one zero of the sensor serves all."""
     time = 0.01 * np.arange(500)
     wave = np.sin(2.0 * np.pi * 3.0 * time)[:, None] * np.ones(3)
     noise = 0.01 * np.random.default_rng(0).normal(size=(3, 500, 3))
