@@ -67,6 +67,7 @@ def test_jit_takes_static_arguments_and_methods() -> None:
 def test_cpu_compiler_options_are_set() -> None:
     if jax.default_backend() != "cpu":
         pytest.skip("the option exists only for the CPU backend")
+    assert _platform.CPU_COMPILER_OPTIONS == {"xla_cpu_use_fusion_emitters": False}
     known = _platform.known_options({**_platform.CPU_OPTIONS_FOR_FEW_CALLS, "no_such_option": 1})
     assert known.get("xla_cpu_use_fusion_emitters", False) is False
     assert ("xla_cpu_use_fusion_emitters" in known) == (jax.__version_info__ < (0, 11))

@@ -10,10 +10,12 @@ import ctypes.util
 import os
 import sys
 
+INSTALL = "install EGL or OSMesa (Debian: apt-get install libegl1 libosmesa6)"
+
 
 def choose() -> None:
     """Set MUJOCO_GL to "egl" or "osmesa", whichever library is installed, on a Linux without display."""
-    if not _open():
+    if not _undecided():
         return
     for name, library in (("egl", "EGL"), ("osmesa", "OSMesa")):
         if ctypes.util.find_library(library):
@@ -23,14 +25,14 @@ def choose() -> None:
 
 def required() -> None:
     """Raise RuntimeError where nothing can draw: a second attempt would end the process inside MuJoCo."""
-    if _open():
+    if _undecided():
         raise RuntimeError(
-            "no off-screen OpenGL: no display, and neither EGL nor OSMesa is installed; install one (Debian: "
-            "apt-get install libegl1 libosmesa6) and start Python anew"
+            f"no off-screen OpenGL: no display, and neither EGL nor OSMesa is installed; {INSTALL} and start "
+            "Python anew"
         )
 
 
-def _open() -> bool:
+def _undecided() -> bool:
     """Whether nobody has chosen and there is no display."""
     if "MUJOCO_GL" in os.environ or not sys.platform.startswith("linux"):
         return False

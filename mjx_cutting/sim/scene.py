@@ -82,8 +82,8 @@ class Scene:
             self._renderer = mujoco.Renderer(self._model, self.height, self.width, max_geom=3000)
         except (mujoco.FatalError, RuntimeError) as error:
             raise RuntimeError(
-                f"no off-screen OpenGL ({error}); install EGL or OSMesa (Debian: apt-get install libegl1 "
-                "libosmesa6) and set MUJOCO_GL to egl or osmesa before Python starts"
+                f"no off-screen OpenGL ({error}); {headless.INSTALL} and set MUJOCO_GL to egl or osmesa "
+                "before Python starts"
             ) from error
         self._view = mujoco.MjvCamera()
 

@@ -218,25 +218,26 @@ def _shared_order(
     """How many times the spindle's frequency a strong line of every trial `shown` stands beside a multiple of
     tooth passing, where that is the same although the speeds differ; else None. Where those shown ran at one
     speed, most of the others that ran at another and have lines too, however small, must have that one."""
-    with_lines = [i for i, v in enumerate(each) if len(v.lines_hz)]
-    speed = np.array([trial.speed_rev_s for trial in after])
-    finest = _SAME_ORDER / (speed * [trial.time_s[-1] for trial in after])
-    beside = {}
-    for i in with_lines:
-        v = each[i]
-        orders = v.lines_hz[v.over_noise >= _NEARLY_AS_STRONG * v.over_noise.max()] / speed[i]
-        beside[i] = np.abs(orders - teeth * np.round(orders / teeth))
     if not shown:
         return None
-    their = speed[list(shown)]
-    others = [i for i in with_lines if np.min(np.abs(speed[i] - their)) > SPREAD * their.mean()]
-    for order in beside[shown[0]]:
-        same = {i: np.min(np.abs(own - order)) < finest[i] + finest[shown[0]] for i, own in beside.items()}
-        if all(same[i] for i in shown) and (
-            np.ptp(their) > SPREAD * their.mean() or sum(same[i] for i in others) > 0.5 * len(others)
-        ):
+    speed = np.array([trial.speed_rev_s for trial in after])
+    finest = _SAME_ORDER / (speed * [trial.time_s[-1] for trial in after])
+    beside = {i: _beside_passing(v, speed[i], teeth) for i, v in enumerate(each) if len(v.lines_hz)}
+    first, their = shown[0], speed[list(shown)]
+    apart = SPREAD * their.mean()
+    others = [i for i in beside if np.min(np.abs(speed[i] - their)) > apart]
+    for order in beside[first]:
+        same = {i: np.min(np.abs(own - order)) < finest[i] + finest[first] for i, own in beside.items()}
+        at_other_speeds = np.ptp(their) > apart or sum(same[i] for i in others) > 0.5 * len(others)
+        if at_other_speeds and all(same[i] for i in shown):
             return float(order)
     return None
+
+
+def _beside_passing(v: Vibration, speed_rev_s: float, teeth: int) -> Array:
+    """How many times the spindle's frequency the strong lines stand beside a multiple of tooth passing."""
+    orders = v.lines_hz[v.over_noise >= _NEARLY_AS_STRONG * v.over_noise.max()] / speed_rev_s
+    return np.abs(orders - teeth * np.round(orders / teeth))
 
 
 def _false_alarm(lines: Lines, after: Sequence[Prediction]) -> float:

@@ -90,10 +90,18 @@ def held_out(
     descent = Descent(problem, effects)
     fits = descent.fits(descent.descend_folds(np.asarray(x), use, _STEPS), use)
     own = fold[owner]
-    error = np.asarray(fits.error_n2)[own, np.arange(problem.trials)] + lines.rest_n2
+    error = in_lines_n2(fits, own) + lines.rest_n2
     if grows(effects):
         error = np.maximum(error + growth_n2(problem, lines, fits, own), 0.0)
     return HeldOut(_summed(error, owner), _summed(lines.energy_n2, owner), fits, fold)
+
+
+def in_lines_n2(fits: Fit, own: NDArray[np.int64]) -> NDArray[np.float64]:
+    """[R, 3] squared error in the lines of every trial, or piece of one, N^2, without what lies between them.
+
+    Arguments: `fits` of every fold [F]; `own` [R] fold whose model a trial is held against.
+    """
+    return np.asarray(fits.error_n2)[own, np.arange(len(own))]
 
 
 def on_other_lines(problem: Problem, lines: Lines, effects: Effects, known: HeldOut) -> HeldOut:
@@ -102,7 +110,7 @@ def on_other_lines(problem: Problem, lines: Lines, effects: Effects, known: Held
     assert known.fits is not None
     x = np.asarray(known.fits.x)
     fits = Descent(problem, effects).fits(x, np.ones((len(x), problem.trials)))
-    error = np.asarray(fits.error_n2)[known.fold, np.arange(problem.trials)]
+    error = in_lines_n2(fits, known.fold)
     return HeldOut(error + lines.rest_n2, lines.energy_n2, known.fits, known.fold)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.fit import Effects, Fit, fit_base, reweighted
-from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
+from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, in_lines_n2
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.fitting.tooth_path import on_other_path, on_true_path
@@ -135,8 +135,7 @@ def _worth_a_round(problem: Problem, lines: Lines, heldout: HeldOut) -> bool:
     """Whether an effect more could account for as much of the force as one must (`decision`): none takes away
     what lies between the lines."""
     assert heldout.fits is not None
-    own = heldout.fold[lines.owner]
-    left_n2 = np.asarray(heldout.fits.error_n2)[own, np.arange(problem.trials)]
+    left_n2 = in_lines_n2(heldout.fits, heldout.fold[lines.owner])
     return bool(left_n2.sum() >= problem.tolerance**2 * heldout.energy_n2.sum())
 
 

@@ -137,8 +137,8 @@ def _pictures(tracing: Tracing) -> dict[str, Picture | None]:
             figures.revolution_figure(tracing),
             f"Force on the tool over one revolution, in {unit}. All turns of a trial are laid over each "
             "other: the black line is their median, the grey band holds the middle 80 %. Orange, dashed: "
-            f"the base model{after}; where its force changes along the trial, the median of its turns. The "
-            "models were fitted to all trials here; the errors above are those on trials left out.",
+            f"the base model{after}; where a model's force changes along the trial, the median of its turns. "
+            "The models were fitted to all trials; the errors above are those on trials left out.",
         ),
         "spectrum": (
             figures.spectrum_figure(tracing),

@@ -3,9 +3,9 @@
 An amplifier's ripple, a gain that trembles from sample to sample: the sample's variance is a + g F^2. Read in
 the air, the noise floor is too low for the cut, and a model that lacks nothing would be called unexplained.
 What is left counts as such noise where its size goes with the force, and where, in units of that size, it is
-Gaussian and alike at all frequencies of the band, and little of it the mean of a trial, but for a
-factor of its own as small as cuts differ by (`own_factor`): a force that is missing, chips cut twice, a tooth
-that moves, are slower than the samples; spikes are rare.
+Gaussian and alike at all frequencies of the band, and little of it the mean of a trial, but for a factor of
+its own as small as cuts differ by (`own_factor`): a force that is missing, chips cut twice, a tooth that
+moves, are slower than the samples; spikes are rare.
 """
 
 from __future__ import annotations

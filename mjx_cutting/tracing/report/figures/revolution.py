@@ -49,6 +49,7 @@ _CURVE_POINTS = 1441
 _CURVE_SAMPLES = 4000
 _TOLD_APART = 3e-3
 _REPEATS = 0.1
+_ROUNDING = 1e-12
 
 
 def revolution_figure(tracing: Tracing) -> Figure:
@@ -105,16 +106,26 @@ def repeated(angle_rad: Array, force: Array, orders: int) -> tuple[Array, Array]
     """
     step = max(1, len(angle_rad) // _CURVE_SAMPLES)
     columns, samples = basis(angle_rad[::step], orders), force[::step]
+    weights = _lines(columns, samples)
+    if weights is None or not _repeats(samples, samples - columns @ weights):
+        degrees, _ = folded(angle_rad, force[:, 0])
+        return degrees, np.stack([folded(angle_rad, axis)[1][:, 1] for axis in force.T], axis=-1)
+    finely = np.linspace(0.0, 360.0, _CURVE_POINTS)
+    return finely, basis(np.radians(finely), orders) @ weights
+
+
+def _lines(columns: Array, samples: Array) -> Array | None:
+    """Weights of the lines in samples [T, A]; None where the angles do not tell them apart."""
     gram = columns.T @ columns
     spread = np.linalg.eigvalsh(gram)
-    if spread[0] >= _TOLD_APART * spread[-1]:
-        weights = np.linalg.solve(gram, columns.T @ samples)
-        changing, rest = samples - samples.mean(axis=0), samples - columns @ weights
-        if np.sum(rest**2) <= _REPEATS**2 * np.sum(changing**2) + 1e-12 * np.sum(samples**2):
-            finely = np.linspace(0.0, 360.0, _CURVE_POINTS)
-            return finely, basis(np.radians(finely), orders) @ weights
-    degrees, _ = folded(angle_rad, force[:, 0])
-    return degrees, np.stack([folded(angle_rad, axis)[1][:, 1] for axis in force.T], axis=-1)
+    return np.linalg.solve(gram, columns.T @ samples) if spread[0] >= _TOLD_APART * spread[-1] else None
+
+
+def _repeats(samples: Array, rest: Array) -> bool:
+    """Whether what the lines leave is little beside what changes, or no more than rounding."""
+    changing = samples - samples.mean(axis=0)
+    most = _REPEATS**2 * np.sum(changing**2) + _ROUNDING * np.sum(samples**2)
+    return bool(np.sum(rest**2) <= most)
 
 
 def _draw(column: Sequence[Axes], tracing: Tracing, subject: Subject) -> None:
