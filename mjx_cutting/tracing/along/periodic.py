@@ -21,7 +21,7 @@ from mjx_cutting.tracing.records.course import Course, at_several_feeds
 _MOST_SHAPES = 2000
 _FEWEST_WAVES = 2.0
 _SAME_AT_CENTRE_RAD = 0.5
-_APART_RAD = 0.4
+_APART_RAD = 0.8
 _CARRIERS_AT_ONCE = 16
 _MOST_SAMPLES = 4e7
 _FEWEST_CARRIERS = 8

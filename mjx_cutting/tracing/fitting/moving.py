@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,14 +22,15 @@ class MovingLines:
         """`trial` is the place in `lines`; `place_m` [T] the way, m."""
         self.lines, self.trial, self.places, self.rate_hz = lines, trial, places, rate_hz
         way = (place_m - place_m.min()) / max(float(np.ptp(place_m)), 1e-12) * (len(places) - 1)
-        self.knot = np.minimum(way.astype(int), len(places) - 2)
-        self.after = (way - self.knot)[:, None]
+        knot = np.minimum(way.astype(int), len(places) - 2)
+        self.after = (way - knot)[:, None]
+        self.stretches = _stretches(knot)
 
     def force(self, angle_rad: Array) -> Array:
         """[T, A] force at the tool angles [T], within the band, N."""
         turned = heard_turns(self.lines, self.trial, angle_rad)
         force = np.empty((len(turned), self.places.shape[-1]))
-        for knot, here in self._stretches():
+        for knot, here in self.stretches:
             near, next_ = (np.real(turned[here] @ self.places[each]) for each in (knot, knot + 1))
             force[here] = near + self.after[here] * (next_ - near)
         return band_limit(force, self.rate_hz, self.lines.band_hz)
@@ -41,13 +40,17 @@ class MovingLines:
         the force at the angles [T] turned by p, but for a factor."""
         turned = heard_turns(self.lines, self.trial, angle_rad).T
         total = np.zeros(len(turned), dtype=complex)
-        for knot, here in self._stretches():
+        for knot, here in self.stretches:
             after = self.after[here]
             for each, share in ((knot, 1.0 - after), (knot + 1, after)):
                 total += np.sum((turned[:, here] @ (share * measured_n[here])) * self.places[each], axis=1)
         return total
 
-    def _stretches(self) -> Iterator[tuple[int, NDArray[np.bool_]]]:
-        """Every knot with [T] the samples between it and the next."""
-        for knot in np.unique(self.knot):
-            yield int(knot), self.knot == knot
+
+def _stretches(knot: NDArray[np.int_]) -> list[tuple[int, slice | NDArray[np.bool_]]]:
+    """Every knot with the samples between it and the next, from the knot before each sample [T]."""
+    knots, first = np.unique(knot, return_index=True)
+    if np.all(np.diff(knot) >= 0):
+        last = [*first[1:], len(knot)]
+        return [(int(k), slice(begin, end)) for k, begin, end in zip(knots, first, last, strict=True)]
+    return [(int(k), knot == k) for k in knots]
