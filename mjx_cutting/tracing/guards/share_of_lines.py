@@ -5,7 +5,7 @@ of the spindle, and every effect that does the same takes its share of them; so 
 effect that bends the force under a tooth, whatever bends it. The true one takes most; of two that are there
 together the larger takes a good part, and the other most of the rest. One that takes little of the lines it
 works on, and leaves more there than a model may be off, is not the cause; nor one that gives back at tooth
-passing what it takes once a turn.
+passing what it takes once a turn, or takes its part there.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ def rather_unlike(gain: Gain) -> str | None:
     gained = float((old - new).sum())
     its = its_lines(problem, old, new)
     unlike = not its[0]
+    if unlike:
+        gained = min(gained, float((old - new)[:, its].sum()))
     there, left = (float((each - quiet)[:, its].sum()) for each in (old, new))
     if not unlike and left <= tolerated(problem, lines) ** 2:
         return None
