@@ -44,7 +44,7 @@ class Ploughing(AbstractEffect):
     alike = True
     parameters = {
         "minimum_chip_m": Parameter(
-            "m", 0.0, 1e-4, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2 um to 250 um (a honed insert)"
+            "m", 0.0, 5e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-100 um"
         ),
         "ratio": Parameter("1", 0.5, 30.0, None, 3.0, log=True, length=3, source="working knowledge"),
         "gradual": Parameter("1", 0.0, 1.0, None, 0.0, source="0 or 1", whole=True),
@@ -79,4 +79,4 @@ class Ploughing(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[times, 0.0, 0.0, 0.0] for times in (0.5, 3.0, 12.0, 36.0)])
+        return np.asarray([[0.5, 0.0, 0.0, 0.0], [3.0, 0.0, 0.0, 0.0]])
