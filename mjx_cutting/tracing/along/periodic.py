@@ -95,7 +95,7 @@ def _sums_at_teeth(
     courses: Sequence[Course], wavelength: Array, share: float
 ) -> list[tuple[NDArray[np.int64], Sums]]:
     """The places in `wavelength` [P] of those whose carriers, counted from the middle of the arc, are nearly
-    one, with their sums."""
+    one (within .2 rad at its ends: a shape loses 4 % at most), with their sums."""
     radians = 2.0 * np.pi / wavelength * _reach(courses)
     group = np.floor((radians - radians.min()) / _APART_RAD).astype(int)
     groups = [np.flatnonzero(group == each) for each in np.unique(group)]

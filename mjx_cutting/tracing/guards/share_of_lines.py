@@ -28,11 +28,10 @@ def rather_unlike(gain: Gain) -> str | None:
     old = squares(problem, gain.others, gain.before.x)
     new = squares(problem, gain.effects, gain.found.x)
     quiet = noise_squares(problem, lines)
-    gained = float((old - new).sum())
     its = its_lines(problem, old, new)
     unlike = not its[0]
-    if unlike:
-        gained = min(gained, float((old - new)[:, its].sum()))
+    everywhere, there_alone = float((old - new).sum()), float((old - new)[:, its].sum())
+    gained = min(everywhere, there_alone) if unlike else everywhere
     there, left = (float((each - quiet)[:, its].sum()) for each in (old, new))
     if not unlike and left <= tolerated(problem, lines) ** 2:
         return None

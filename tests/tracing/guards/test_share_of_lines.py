@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from benchmarks.study import make
 from mjx_cutting.cutting.effects import RadialRunout
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.guards import share_of_lines
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
@@ -41,6 +43,29 @@ def test_a_dull_sector_is_not_called_runout():
 def test_runout_is():
     verdict = trace(_cut(Hidden(runout_m=6e-6)), effects=("radial_runout",)).verdict
     assert [each["name"] for each in verdict["effects"]] == [RadialRunout.name]
+
+
+@pytest.mark.parametrize(
+    ("once_a_turn", "at_passing", "told"),
+    [(0.6, 0.1, None), (0.35, 0.2, "explains 35%"), (0.6, -0.2, "explains 40%")],
+    ids=["takes its part", "takes its part at tooth passing", "gives back at tooth passing"],
+)
+def test_what_makes_teeth_unlike_takes_half_of_what_repeats_once_a_turn(
+    monkeypatch, once_a_turn: float, at_passing: float, told: str | None
+):
+    """Of a squared residual of one once a turn, and one at tooth passing, it takes these."""
+    order = np.concatenate([[0], np.repeat(np.arange(1, 9), 2)])
+    problem = SimpleNamespace(order=order, tool=SimpleNamespace(kind="slitting_saw", teeth=4))
+    passing = order % 4 == 0
+    before = np.where(passing, 1.0 / passing.sum(), 1.0 / (~passing).sum())
+    after = before * np.where(passing, 1.0 - at_passing, 1.0 - once_a_turn)
+    left = {(): before[None, :, None], ("runout",): after[None, :, None]}
+    monkeypatch.setattr(share_of_lines, "squares", lambda problem, effects, x: left[effects])
+    monkeypatch.setattr(share_of_lines, "noise_squares", lambda problem, lines: np.zeros((1, 17, 1)))
+    fit = SimpleNamespace(x=None)
+    gain = SimpleNamespace(problem=problem, lines=None, others=(), effects=("runout",), before=fit, found=fit)
+    why = share_of_lines.rather_unlike(gain)
+    assert why is None if told is None else why is not None and why.startswith(told)
 
 
 @pytest.mark.slow
