@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 _THINNEST_M = 1e-10
+_UNIT_M = 8e-6
 
 
 @register
@@ -44,7 +45,7 @@ class Ploughing(AbstractEffect):
     alike = True
     parameters = {
         "minimum_chip_m": Parameter(
-            "m", 0.0, 5e-5, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-100 um"
+            "m", 0.0, 1e-4, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2 um to 250 um (a honed insert)"
         ),
         "ratio": Parameter("1", 0.5, 30.0, None, 3.0, log=True, length=3, source="working knowledge"),
         "gradual": Parameter("1", 0.0, 1.0, None, 0.0, source="0 or 1", whole=True),
@@ -52,7 +53,7 @@ class Ploughing(AbstractEffect):
     signature = "extra force at entry, exit and low feed that levels off with feed"
     confused_with = {
         "flank_wear": "ploughing is there while the tool is sharp",
-        "size_effect": "the size effect goes on bending at high feed; a feed range of 10:1 separates them",
+        "size_effect": "the size effect goes on bending at high feed; five feeds over 10:1 separate them",
     }
 
     minimum_chip_m: ArrayLike
@@ -73,10 +74,10 @@ class Ploughing(AbstractEffect):
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> Ploughing:
-        """Coordinates: h_min in units of its usual value, the logarithms of the ratios over theirs."""
-        thinnest, ratio = cls.parameters["minimum_chip_m"], cls.parameters["ratio"]
-        return cls(thinnest.typical * coordinates[0], ratio.typical * jnp.exp(coordinates[1:4]))
+        """Coordinates: h_min in units of 8 um, the logarithms of the ratios over their usual values."""
+        ratio = cls.parameters["ratio"]
+        return cls(_UNIT_M * coordinates[0], ratio.typical * jnp.exp(coordinates[1:4]))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, 0.0, 0.0, 0.0], [3.0, 0.0, 0.0, 0.0]])
+        return np.asarray([[times, 0.0, 0.0, 0.0] for times in (0.125, 0.75, 3.0, 9.0)])

@@ -24,6 +24,7 @@ from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, effect_starts
 from mjx_cutting.tracing.fitting.problem import Problem
 
+_FEW = 4
 _TRIED = 3
 _FIRST_STEPS = 2
 _STEPS = 8
@@ -99,10 +100,10 @@ def _screen(
 
 
 def _lowest_starts(so_far: Descent, both: Descent, x: Matrix, slope: Matrix) -> Matrix:
-    """[at most 3, U] the starts of the last effect of `both` that a first step brings lowest."""
+    """[n, U] the few starts of the last effect of `both`, or of many those a first step brings lowest."""
     kind = both.effects[-1]
     starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
-    if len(starts) <= _TRIED:
+    if len(starts) <= _FEW:
         return starts
     reached = both.glance(starts, slope)
     beside = _without_axis(so_far, x, kind.only_axis)

@@ -28,12 +28,14 @@ _STEPS = 20
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An effect tried beside those accepted: its fit, its error on held-out trials and the decision."""
+    """An effect tried beside those accepted: its fit, its error on held-out trials, the decision, and how
+    many combinations of all unknowns the trials tell with it."""
 
     kind: type[AbstractEffect]
     fit: Fit
     heldout: HeldOut
     decision: Decision
+    told: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,8 @@ def judged(
         decision = (
             decision if why is None else replace(decision, accepted=False, reasons=(why,), guarded=True)
         )
-    return Candidate(kind, found, after, decision)
+    told = Descent(problem, effects).told(np.asarray(found.x))
+    return Candidate(kind, found, after, decision, told)
 
 
 def beyond_chance(

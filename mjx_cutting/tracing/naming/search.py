@@ -21,6 +21,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, in_lines_n2
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.fitting.tooth_path import on_other_path, on_true_path
+from mjx_cutting.tracing.naming.bends import fewest
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, parameters, try_effect
 from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
@@ -91,6 +92,7 @@ def search(
             tried.append(finer(one, contest, both, current, heldout))
         tried.sort(key=lambda each: each.heldout.nrmse)
         accepted = _accepted(tried)
+        accepted = accepted and fewest(contest, effects, accepted, tried)
         found: tuple[Round, ...] = (Round(heldout, screened, tuple(tried), accepted),)
         if accepted is None and len(effects) + 1 < MOST_EFFECTS:
             progress("two effects at once")

@@ -15,6 +15,7 @@ from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.problem import Problem, shared_bias
+from mjx_cutting.tracing.naming.bends import follows_any
 from mjx_cutting.tracing.naming.candidate import Candidate, Round
 from mjx_cutting.tracing.naming.decision import Interval, surely
 from mjx_cutting.tracing.naming.search import Search
@@ -318,6 +319,8 @@ def _tied(
     for other in each.candidates:
         told = other.decision
         if other.kind in named or not (told.accepted or told.untold or told.guarded):
+            continue
+        if follows_any(dataset.tool.kind, each.accepted, other):
             continue
         second, first = (each.error_n2.sum(axis=1) for each in (other.heldout, best))
         gap = second - first

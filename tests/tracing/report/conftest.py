@@ -155,10 +155,10 @@ def _search(energy: np.ndarray, teeth: int, named: bool) -> Search:
     }
     good = Decision(True, True, 1e-20, 0.2, float("nan"), strength, ())
     bad = Decision(False, False, 0.4, -0.01, 0.02, {}, ("error does not fall", "runs to <its> edge"))
-    runout = Candidate(effect_class("radial_runout"), fit(True), held(0.1, True), good)
+    runout = Candidate(effect_class("radial_runout"), fit(True), held(0.1, True), good, 5)
     if not named:
         runout = replace(runout, heldout=held(0.3, True), decision=bad)
-    pitch = Candidate(effect_class("unequal_pitch"), fit(False), held(0.31, False), bad)
+    pitch = Candidate(effect_class("unequal_pitch"), fit(False), held(0.31, False), bad, 5)
     base, final = held(0.3, False), held(0.1, True)
     rounds = [Round(base, (), (runout, pitch), runout if named else None)]
     if named:
