@@ -44,6 +44,7 @@ from mjx_cutting.tracing.records.spindle import as_turned
 from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import above_band
+from mjx_cutting.tracing.telling.at_level import at_level
 from mjx_cutting.tracing.telling.axes import better_reading, other_columns
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
@@ -124,7 +125,9 @@ def _trace(
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     said = dataset.axes
-    dataset = as_turned(as_levels(dataset))
+    levels = as_levels(dataset)
+    level = at_level(dataset, levels)
+    dataset = as_turned(levels)
     columns = other_columns(said, dataset.axes)
     if BrokenTooth in kinds:
         dataset = parted_at_breakage(dataset)
@@ -205,7 +208,7 @@ def _trace(
             word["remaining"]["description"] += f"; {unnamed}"
         above = above_band(found.dataset, found.model, band)
         zero = zero_in_air(found.dataset, found.model)
-        for told in (above, cut_down, zero, columns):
+        for told in (above, cut_down, zero, columns, level):
             if told is not None:
                 word["remaining"]["description"] += f"; {told}"
     return Tracing(
@@ -214,7 +217,7 @@ def _trace(
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns),
+        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns, level),
     )
 
 
