@@ -19,6 +19,7 @@ from mjx_cutting.tracing.fitting.screening import Screened
 from mjx_cutting.tracing.guards.asked import refusal
 from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.naming.in_every_trial import in_every_trial
 from mjx_cutting.tracing.naming.seen_in_air import seen_in_air
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of
 from mjx_cutting.tracing.records.lines import Lines
@@ -103,10 +104,11 @@ def judged(
     kind, problem, lines = effects[-1], contest.problem, contest.lines
     p = beyond_chance(problem, lines, effects[:-1], before, effects, found, contest.tries)
     own = parameters(problem, lines, effects, found, after)[-1]
-    axes = axes_of(problem.tool.kind)
+    tolerance, axes = problem.tolerance, axes_of(problem.tool.kind)
     in_air = seen_in_air(problem, before, found, kind.size(problem.tool), contest.tries)
-    tolerance = problem.tolerance
-    decision = decide(kind, before_heldout, after, p, own, not in_air, tolerance=tolerance, axes=axes)
+    decision = decide(kind, before_heldout, after, p, own, not in_air, tolerance, axes=axes)
+    if decision.scattered and in_every_trial(problem, lines, effects, before_heldout, after, contest.tries):
+        decision = decide(kind, before_heldout, after, p, own, False, tolerance, axes=axes)
     if decision.accepted:
         why = refusal(Gain(problem, lines, effects, before, found))
         decision = (

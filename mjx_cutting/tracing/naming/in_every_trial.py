@@ -1,0 +1,56 @@
+"""Does what an effect adds go with what was left, in every held-out trial alike?
+
+What an effect takes away may differ much from trial to trial by its own law: an unbalance grows with the
+square of the speed. Its gain then scatters over the trials as that of an accident would, which explains one
+of them. But an accident in one trial says nothing of the others: what it adds there has no likeness to what
+was left. So where nearly all that was left in the lines is taken away, and the likeness is the same in all
+trials, scatter of the gain is no argument.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.fitting.fit import Effects
+from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.naming.decision import CHANCE, surely
+from mjx_cutting.tracing.records.lines import Lines
+
+_LEFT = 0.25
+_FEWEST = 3
+
+
+def in_every_trial(
+    problem: Problem, lines: Lines, effects: Effects, before: HeldOut, after: HeldOut, tries: int
+) -> bool:
+    """Whether the last of `effects` takes nearly all that was left in the lines of the held-out trials, and
+    is like it in each of them beyond what the best of `tries` is by chance.
+
+    Arguments: `before`, `after` the errors without and with it.
+    """
+    old = _left(problem, lines, effects[:-1], before)
+    new = _left(problem, lines, effects, after)
+    count = int(lines.owner.max()) + 1
+    if count < _FEWEST or np.sum(new**2) > _LEFT * np.sum(old**2):
+        return False
+    added = old - new
+
+    def by_trial(each: NDArray[np.floating]) -> NDArray[np.floating]:
+        return np.asarray(np.bincount(lines.owner, np.sum(each, axis=1), count), dtype=float)
+
+    likeness = by_trial(old * added) / np.sqrt(np.maximum(by_trial(old**2) * by_trial(added**2), 1e-300))
+    return bool(tries * stats.t.sf(surely(likeness), count - 1) < CHANCE)
+
+
+def _left(problem: Problem, lines: Lines, effects: Effects, heldout: HeldOut) -> NDArray[np.floating]:
+    """[R, M] what is left of the lines of every trial, or piece of one, by the fit that did not see it; in
+    standard deviations."""
+    assert heldout.fits is not None
+    descent = Descent(problem, effects)
+    left = descent.rows(np.asarray(heldout.fits.x)).left[:, : descent.measured]
+    own = heldout.fold[lines.owner]
+    return np.asarray(left.reshape(len(left), problem.trials, -1)[own, np.arange(problem.trials)])

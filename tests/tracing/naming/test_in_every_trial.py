@@ -1,0 +1,46 @@
+"""An effect that by its law is large in some trials and small in others is no accident of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjx_cutting.tracing import trace
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+TRIED = ("unbalance", "radial_runout")
+MOMENT_KG_M = 8e-6
+
+
+def by_speed(dataset: Dataset, counts: Sequence[int]) -> Dataset:
+    """So many of the trials at each spindle speed, the slowest first."""
+    cuts: dict[float, list[Trial]] = {}
+    for trial in dataset.trials:
+        cuts.setdefault(trial.spindle_speed_rev_s, []).append(trial)
+    kept = [each for speed, count in zip(sorted(cuts), counts, strict=True) for each in cuts[speed][:count]]
+    return replace(dataset, trials=tuple(kept))
+
+
+@pytest.mark.parametrize("counts", [(3, 0, 1), (3, 1, 2)])
+def test_few_trials_of_which_the_fast_ones_gain_most_name_an_unbalance(hiding, counts):
+    dataset = by_speed(hiding({"unbalance": {"moment_kg_m": MOMENT_KG_M, "phase_rad": 0.7}}, 403), counts)
+    found = trace(dataset, effects=TRIED).verdict
+    (named,) = found["effects"]
+    assert (found["verdict"], named["name"]) == ("explained", "unbalance")
+    assert named["heldout_gain"] < 2.0 * named["gain_standard_error"]
+    assert named["parameters"]["moment_kg_m"]["value"] == pytest.approx(MOMENT_KG_M, rel=0.05)
+
+
+@pytest.mark.parametrize("shaken", [0, 3])
+def test_what_turns_with_the_spindle_in_one_trial_alone_is_no_unbalance(hiding, shaken):
+    dataset = by_speed(hiding({}, 403), (3, 1, 2))
+    trials = list(dataset.trials)
+    one = trials[shaken]
+    angle = 2.0 * np.pi * one.spindle_speed_rev_s * one.time_s
+    wave = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    trials[shaken] = replace(one, force_n=one.force_n + 3.0 * wave)
+    found = trace(replace(dataset, trials=tuple(trials)), effects=TRIED).verdict
+    assert not found["effects"]
