@@ -6,7 +6,8 @@ that, at (k + 1/2) f_t, are orders of the spindle, where teeth that alternate wo
 are there in every cut, in proportion to the force or flat in feed. Flip chatter has a threshold: it is large
 in some cuts and gone in others, at the same speed among them, with the other orders of the spindle, which any
 tooth unlike its neighbours would fill, next to empty. With two teeth every such line is one of two teeth that
-are alike no more, so a cut after one that shakes must be quiet again.
+are alike no more, so a cut after one that shakes must be quiet again; so must it be where one cut alone
+shakes, and that one much.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from mjx_cutting.tracing.records.spindle import SPREAD
 from mjx_cutting.trials.dataset import Dataset
 
 _LEAST_SHARE = 0.03
+_LARGE_ALONE = 0.1
 _QUIET = 0.1
 _OTHER_ORDERS = 0.1
 _FEWEST = 2
@@ -60,7 +62,7 @@ class Flip:
 
 def flipping(dataset: Dataset, after: Sequence[Prediction], orders: int) -> dict[int, Flip]:
     """The trials at a flip lobe by their index in `after`; none where the teeth may do the same, or where
-    fewer than two shake.
+    one alone shakes a little.
 
     Arguments:
         after: predictions of the model with everything else in it.
@@ -71,14 +73,15 @@ def flipping(dataset: Dataset, after: Sequence[Prediction], orders: int) -> dict
         return {}
     each = [_flip(trial, teeth, orders) for trial in after]
     shaking = [i for i, one in enumerate(each) if one.shakes]
-    if len(shaking) < _FEWEST:
+    alone = len(shaking) < _FEWEST
+    if not shaking or (alone and each[shaking[0]].share < _LARGE_ALONE):
         return {}
     share = min(each[i].share for i in shaking)
     size_n = min(each[i].size_n for i in shaking)
     quiet = [i for i, one in enumerate(each) if one.share < _QUIET * share and one.size_n < _QUIET * size_n]
     speeds = np.array([trial.speed_rev_s for trial in after])
     beside = [i for i in shaking if np.any(np.abs(speeds[quiet] / speeds[i] - 1.0) < 2.0 * SPREAD)]
-    if not beside or (teeth == 2 and not _quiet_again(dataset, after, shaking, quiet)):
+    if not beside or ((alone or teeth == 2) and not _quiet_again(dataset, after, shaking, quiet)):
         return {}
     return {i: each[i] for i in shaking}
 

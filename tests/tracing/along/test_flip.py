@@ -87,6 +87,15 @@ def test_two_teeth_must_be_alike_again_after_a_cut_that_shakes(clock, found):
     assert _names(_session(flip, teeth=2, clock=clock)) == found
 
 
+@pytest.mark.parametrize(
+    "size, clock, found",
+    [(4.0, (2, 1, 3, 4, 5, 6), True), (0.5, (2, 1, 3, 4, 5, 6), False), (4.0, (6, 1, 2, 3, 4, 5), False)],
+)
+def test_one_cut_alone_must_shake_much_and_be_quiet_again_after_it(size, clock, found):
+    flip = lambda angle, trial: (size if trial == 0 else 0.0) * np.cos(10 * angle + trial)  # noqa: E731
+    assert _names(_session(flip, clock=clock)) == found
+
+
 def test_trials_off_the_orders_and_at_a_flip_lobe_are_named_together():
     """Three cuts at 19 rev/s vibrate near 120 Hz, off the orders, two at 16.9 at half of tooth passing."""
 
