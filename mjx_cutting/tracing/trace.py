@@ -141,12 +141,16 @@ def _trace(
 
         def by_parts(trials: Dataset) -> tuple[Pass, Engaged | None]:
             found = None
-            if with_ends and begin_in_air(trials):
-                # whatever else a pass over ramps found would be looked for once more inside the sheet
-                progress("where the sheet begins")
+            begins, cut = with_ends and begin_in_air(trials), with_ends and _mostly_in_the_cut(trials)
+            if begins or cut:
+                # whatever else a pass over ramps and air found would be looked for once more inside the sheet
+                progress("where the tool is in the sheet")
                 bare = once(trials, band, [effect_class(ENDS)], (), seed, progress)
-                inside = inside_the_sheet(bare, one_pass)
+                inside = inside_the_sheet(bare, one_pass) if begins else bare
                 found = None if inside is bare else inside
+                no_ends = all(each.accepted is None or each.accepted.kind.name != ENDS for each in bare.slow)
+                if cut and found is None and no_ends and not near_floor(bare):
+                    return _where_engaged(bare, one_pass, with_ends)
             if found is None:
                 found = inside_the_sheet(one_pass(trials), one_pass)
             return _where_engaged(in_ramps(found, band, seed, progress), one_pass, with_ends)
@@ -218,6 +222,17 @@ def _trace(
         verdict=word,
         unnamed=unnamed,
         caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns, level),
+    )
+
+
+def _mostly_in_the_cut(dataset: Dataset) -> bool:
+    """Whether records of a cutter surely begin or end in the air, and every one holds the tool fully in the
+    cut over more than half of it."""
+    if dataset.tool.kind in LEVEL_KINDS or (part := engaged(dataset, SURELY_TURNS)) is None:
+        return False
+    kept = {trial.file: len(trial.time_s) for trial in part.dataset.trials}
+    return all(
+        2 * kept.get(trial.file, 0) > len(trial.time_s) for trial in dataset.trials if trial.kind == "cut"
     )
 
 
