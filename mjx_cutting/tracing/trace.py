@@ -19,7 +19,7 @@ from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.ends import NAME as ENDS
-from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged
+from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged, mostly_in_the_cut
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
@@ -141,7 +141,7 @@ def _trace(
 
         def by_parts(trials: Dataset) -> tuple[Pass, Engaged | None]:
             found = None
-            begins, cut = with_ends and begin_in_air(trials), with_ends and _mostly_in_the_cut(trials)
+            begins, cut = with_ends and begin_in_air(trials), with_ends and mostly_in_the_cut(trials)
             if begins or cut:
                 # whatever else a pass over ramps and air found would be looked for once more inside the sheet
                 progress("where the tool is in the sheet")
@@ -222,17 +222,6 @@ def _trace(
         verdict=word,
         unnamed=unnamed,
         caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns, level),
-    )
-
-
-def _mostly_in_the_cut(dataset: Dataset) -> bool:
-    """Whether records of a cutter surely begin or end in the air, and every one holds the tool fully in the
-    cut over more than half of it."""
-    if dataset.tool.kind in LEVEL_KINDS or (part := engaged(dataset, SURELY_TURNS)) is None:
-        return False
-    kept = {trial.file: len(trial.time_s) for trial in part.dataset.trials}
-    return all(
-        2 * kept.get(trial.file, 0) > len(trial.time_s) for trial in dataset.trials if trial.kind == "cut"
     )
 
 

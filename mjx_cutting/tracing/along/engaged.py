@@ -18,6 +18,7 @@ from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.tracing.along.ends import way_in_m
 from mjx_cutting.tracing.records.course import along_path, rate_hz
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.zero import samples_a_turn, zeros
 from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
@@ -82,6 +83,16 @@ def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
         air = _air(max(cuts, key=lambda trial: stays[trial.file].air), stays)
         rest = replace(rest, trials=(*rest.trials, air))
     return Engaged(rest, spans, whole, {file: stays[file].touched_m for file in spans})
+
+
+def mostly_in_the_cut(dataset: Dataset) -> bool:
+    """Whether records of a cutter surely begin or end in the air, and each holds the tool fully in the cut
+    over more than half of it."""
+    if dataset.tool.kind in LEVEL_KINDS or (part := engaged(dataset, SURELY_TURNS)) is None:
+        return False
+    kept = {trial.file: len(trial.time_s) for trial in part.dataset.trials}
+    cuts = (trial for trial in dataset.trials if trial.kind == "cut")
+    return all(2 * kept.get(trial.file, 0) > len(trial.time_s) for trial in cuts)
 
 
 def cut_down(

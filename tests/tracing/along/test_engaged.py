@@ -9,7 +9,7 @@ import pytest
 
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.ends import way_in_m
-from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged
+from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged, mostly_in_the_cut
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
 
@@ -84,6 +84,26 @@ def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whol
     assert [each.file for each in found.dataset.left_out] == [late.file]
     assert found.dataset.trials == (*made.trials[:2], *made.trials[3:])
     assert str(found).endswith("so they are left out")
+
+
+@pytest.mark.parametrize("air_share, mostly", [(0.0, False), (0.3, True), (0.6, False)])
+def test_a_record_is_mostly_in_the_cut_where_less_than_half_is_air(saw, air_share, mostly):
+    made = saw()
+    first = made.trials[0]
+    cutting = first.time_s >= air_share * first.time_s[-1]
+    begins = replace(first, force_n=np.where(cutting[:, None], first.force_n, 0.0))
+    assert mostly_in_the_cut(replace(made, trials=(begins, *made.trials[1:]))) == mostly
+
+
+def test_one_record_that_begins_in_the_air_costs_no_second_search(saw):
+    """The whole records are held against the base model and the ends of the sheet alone."""
+    made, told = saw(), []
+    first = made.trials[0]
+    begins = replace(first, force_n=np.where(first.time_s[:, None] >= 0.5, first.force_n, 0.0))
+    dataset = replace(made, trials=(begins, *made.trials[1:]))
+    found = trace(dataset, effects=("radial_runout", "entry_exit"), progress=told.append)
+    assert any(first.file in each for each in found.caveats)
+    assert told.count("screening radial_runout") == 1
 
 
 @pytest.mark.parametrize("once", [2.0, 4.0])
