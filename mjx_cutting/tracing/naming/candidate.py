@@ -20,6 +20,7 @@ from mjx_cutting.tracing.guards.asked import refusal
 from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
 from mjx_cutting.tracing.naming.in_every_trial import in_every_trial
+from mjx_cutting.tracing.naming.one_bend import one_bend
 from mjx_cutting.tracing.naming.seen_in_air import seen_in_air
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of
 from mjx_cutting.tracing.records.lines import Lines
@@ -114,6 +115,8 @@ def judged(
         decision = (
             decision if why is None else replace(decision, accepted=False, reasons=(why,), guarded=True)
         )
+    if decision.accepted and (why := one_bend(problem, kind)) is not None:
+        decision = replace(decision, accepted=False, reasons=(why,), untold=True)
     told = Descent(problem, effects).told(np.asarray(found.x))
     return Candidate(kind, found, after, decision, told)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.study import make
+from benchmarks.study.fewer import FEWER
 from mjx_cutting.cutting.effects.size_effect import REFERENCE_M
 from mjx_cutting.tracing import trace
 from mjx_cutting.trials.dataset import Dataset
@@ -71,6 +72,19 @@ def test_three_feeds_leave_open_which_of_two_laws_bends_the_force():
     (tied,) = found["ambiguous"]
     assert set(tied["names"]) == {"size_effect", "ploughing"}
     assert "five feeds" in tied["separating_trial"]
+
+
+def test_ploughing_is_no_finding_of_three_feeds():
+    found = trace(turned(FIVE_M[::2], ploughed), effects=TRIED)
+    assert found.verdict["effects"] == [] and found.verdict["verdict"] == "unexplained"
+    (why,) = next(each for each in found.search.rounds[0].candidates if each.told == 12).decision.reasons
+    assert why.startswith("3 feeds show one bend")
+
+
+def test_a_gain_of_each_trial_is_no_ploughing():
+    """Five cuts at three feeds, of which the gain wanders: ploughing follows them to a thousandth."""
+    case = make("turning", {"random_walk_gain": "strong"}, 701)
+    assert trace(FEWER["five"](case.dataset), seed=701).verdict["effects"] == []
 
 
 def test_one_exponent_for_all_that_fits_three_feeds_is_no_coincidence():
