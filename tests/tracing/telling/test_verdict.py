@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mjx_cutting.cutting.effects import ClampMode, RobotMode
+from mjx_cutting.cutting.effects import ClampMode, FlankWear, Ploughing, RobotMode, SizeEffect
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.telling import verdict as told
 from mjx_cutting.tracing.telling.dependence import Dependence
@@ -70,9 +70,32 @@ def _heldout(*by_trial: tuple[float, float, float]) -> HeldOut:
     return HeldOut(np.array(by_trial), np.full((len(by_trial), 3), 10.0), None, np.arange(len(by_trial)))
 
 
-def _candidate(kind, heldout: HeldOut, guarded: bool = False) -> SimpleNamespace:
+def _candidate(kind, heldout: HeldOut, guarded: bool = False, unknowns: int = 9) -> SimpleNamespace:
     decision = SimpleNamespace(accepted=not guarded, untold=False, guarded=guarded)
-    return SimpleNamespace(kind=kind, heldout=heldout, decision=decision)
+    return SimpleNamespace(kind=kind, heldout=heldout, decision=decision, told=unknowns)
+
+
+def _of_a(tool: str) -> SimpleNamespace:
+    return SimpleNamespace(tool=SimpleNamespace(kind=tool))
+
+
+@pytest.mark.parametrize(
+    ("tool", "other", "unknowns", "tied"),
+    [
+        ("turning", Ploughing, 11, False),
+        ("turning", Ploughing, 10, True),
+        ("end_mill", Ploughing, 11, True),
+        ("turning", FlankWear, 11, True),
+    ],
+    ids=["more for the same bend", "as many", "a cutter shows more than a bend", "wear is no bend"],
+)
+def test_a_law_of_more_unknowns_is_no_second_explanation_of_levels(tool, other, unknowns, tied, monkeypatch):
+    monkeypatch.setattr(told, "_settles", lambda *_: "five feeds")
+    after, before = _heldout(*[(0.1, 0.1, 0.1)] * 4), _heldout(*[(1.0, 1.0, 1.0)] * 4)
+    best, rival = _candidate(SizeEffect, after, unknowns=10), _candidate(other, after, unknowns=unknowns)
+    each = SimpleNamespace(accepted=best, candidates=(best, rival), before=before, again=None)
+    found = told._tie(each, [SizeEffect], _of_a(tool), None, SimpleNamespace(problem=None), floor=0.0)
+    assert (found is not None) is tied
 
 
 @pytest.mark.parametrize(
@@ -86,7 +109,7 @@ def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
     other = _candidate(ClampMode, _heldout(*rival))
     before = _heldout(*[(1.0, 1.0, 1.0)] * 4)
     each = SimpleNamespace(accepted=best, candidates=(best, other), before=before, again=None)
-    found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None), floor=0.0)
+    found = told._tie(each, [RobotMode], _of_a("end_mill"), None, SimpleNamespace(problem=None), floor=0.0)
     assert (found is not None) is tied
     if tied:
         assert found["names"] == ["robot_mode", "clamp_mode"]
@@ -94,7 +117,10 @@ def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
         # beside what was found later the other explains nothing of it
         later = SimpleNamespace(**vars(each) | {"candidates": (best, _candidate(ClampMode, before))})
         each.again = later
-        assert told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None), floor=0.0) is None
+        assert (
+            told._tie(each, [RobotMode], _of_a("end_mill"), None, SimpleNamespace(problem=None), floor=0.0)
+            is None
+        )
 
 
 @pytest.mark.parametrize(
@@ -110,5 +136,5 @@ def test_where_much_is_left_one_that_a_guard_refused_may_be_as_good(left, rival,
     each = SimpleNamespace(
         accepted=best, candidates=(best, other), before=_heldout(*[(2.0, 2.0, 2.0)] * 4), again=None
     )
-    found = told._tie(each, [RobotMode], None, None, SimpleNamespace(problem=None), floor=0.03)
+    found = told._tie(each, [RobotMode], _of_a("end_mill"), None, SimpleNamespace(problem=None), floor=0.03)
     assert (found is not None) is tied
