@@ -148,8 +148,8 @@ def _trace(
                 bare = once(trials, band, [effect_class(ENDS)], (), seed, progress)
                 inside = inside_the_sheet(bare, one_pass) if begins else bare
                 found = None if inside is bare else inside
-                no_ends = all(each.accepted is None or each.accepted.kind.name != ENDS for each in bare.slow)
-                if cut and found is None and no_ends and not near_floor(bare):
+                known = any(kind.name == ENDS for kind in bare.kinds)
+                if cut and found is None and not (known or near_floor(bare)):
                     return _where_engaged(bare, one_pass, with_ends)
             if found is None:
                 found = inside_the_sheet(one_pass(trials), one_pass)

@@ -20,12 +20,16 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 def fewest(contest: Contest, effects: Effects, best: Candidate, tried: Sequence[Candidate]) -> Candidate:
     """The accepted candidate `best`, or one of those `tried` beside `effects` that passed as well, needs
     fewer unknowns and is not behind it by more than chance."""
-    if contest.problem.tool.kind not in LEVEL_KINDS or not _of_chip(best.kind):
+    tool = contest.problem.tool
+    if tool.kind not in LEVEL_KINDS or not _of_chip(best.kind):
         return best
-    size = {id(each): (each.told, each.kind.size(contest.problem.tool)) for each in tried}
+
+    def unknowns(each: Candidate) -> tuple[int, int]:
+        return each.told, each.kind.size(tool)
+
     passed = (each for each in tried if each.decision.accepted and _of_chip(each.kind))
-    for other in sorted(passed, key=lambda each: size[id(each)]):
-        if size[id(other)] >= size[id(best)]:
+    for other in sorted(passed, key=unknowns):
+        if unknowns(other) >= unknowns(best):
             break
         known, more = (*effects, other.kind), (*effects, best.kind)
         if beyond_chance(contest.problem, contest.lines, known, other.fit, more, best.fit, 1) > CHANCE:

@@ -110,11 +110,8 @@ def judged(
     decision = decide(kind, before_heldout, after, p, own, not in_air, tolerance, axes=axes)
     if decision.scattered and in_every_trial(problem, lines, effects, before_heldout, after, contest.tries):
         decision = decide(kind, before_heldout, after, p, own, False, tolerance, axes=axes)
-    if decision.accepted:
-        why = refusal(Gain(problem, lines, effects, before, found))
-        decision = (
-            decision if why is None else replace(decision, accepted=False, reasons=(why,), guarded=True)
-        )
+    if decision.accepted and (why := refusal(Gain(problem, lines, effects, before, found))) is not None:
+        decision = replace(decision, accepted=False, reasons=(why,), guarded=True)
     if decision.accepted and (why := one_bend(problem, kind)) is not None:
         decision = replace(decision, accepted=False, reasons=(why,), untold=True)
     told = Descent(problem, effects).told(np.asarray(found.x))
