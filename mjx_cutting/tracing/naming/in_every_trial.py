@@ -3,8 +3,8 @@
 What an effect takes away may differ much from trial to trial by its own law: an unbalance grows with the
 square of the speed. Its gain then scatters over the trials as that of an accident would, which explains one
 of them. But an accident in one trial says nothing of the others: what it adds there has no likeness to what
-was left. So where nearly all that was left in the lines is taken away, and the likeness is the same in all
-trials, scatter of the gain is no argument.
+was left. So where most of what was left in the lines of every trial is taken away, and the likeness is the
+same in all of them, scatter of the gain is no argument.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy import stats
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.decision import CHANCE, surely
 from mjx_cutting.tracing.records.lines import Lines
@@ -27,22 +28,24 @@ _FEWEST = 3
 def in_every_trial(
     problem: Problem, lines: Lines, effects: Effects, before: HeldOut, after: HeldOut, tries: int
 ) -> bool:
-    """Whether the last of `effects` takes nearly all that was left in the lines of the held-out trials, and
-    is like it in each of them beyond what the best of `tries` is by chance.
+    """Whether the last of `effects` takes three quarters of what was left in the lines of each held-out trial
+    (squared, beyond the noise, or all but as much as that is), and is like it in each beyond what the best of
+    `tries` is by chance.
 
     Arguments: `before`, `after` the errors without and with it.
     """
     old = _left(problem, lines, effects[:-1], before)
     new = _left(problem, lines, effects, after)
-    count = int(lines.owner.max()) + 1
-    if count < _FEWEST or np.sum(new**2) > _LEFT * np.sum(old**2):
-        return False
-    added = old - new
+    count, added = int(lines.owner.max()) + 1, old - new
 
     def by_trial(each: NDArray[np.floating]) -> NDArray[np.floating]:
-        return np.asarray(np.bincount(lines.owner, np.sum(each, axis=1), count), dtype=float)
+        rows = each.reshape(len(each), -1)
+        return np.asarray(np.bincount(lines.owner, np.sum(rows, axis=1), count), dtype=float)
 
-    likeness = by_trial(old * added) / np.sqrt(np.maximum(by_trial(old**2) * by_trial(added**2), 1e-300))
+    noise, was, left = by_trial(noise_squares(problem, lines)), by_trial(old**2), by_trial(new**2)
+    if count < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
+        return False
+    likeness = by_trial(old * added) / np.sqrt(np.maximum(was * by_trial(added**2), 1e-300))
     return bool(tries * stats.t.sf(surely(likeness), count - 1) < CHANCE)
 
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.study import make
+from benchmarks.study.fewer import FEWER
 from mjx_cutting.tracing import trace
 from mjx_cutting.trials.dataset import Dataset, Trial
 
@@ -44,3 +46,12 @@ def test_what_turns_with_the_spindle_in_one_trial_alone_is_no_unbalance(hiding, 
     trials[shaken] = replace(one, force_n=one.force_n + 3.0 * wave)
     found = trace(replace(dataset, trials=tuple(trials)), effects=TRIED).verdict
     assert not found["effects"]
+
+
+def test_what_takes_half_of_one_trial_and_most_of_the_others_is_not_in_every_trial():
+    """A force that remembers bends with the load as a compliant arm does, not in each trial alike."""
+    dataset = FEWER["five"](make("saw", {"previous_force": "strong"}, 700).dataset)
+    found = trace(dataset, effects=("static_compliance", "side_friction"), seed=700)
+    first = found.search.rounds[0].candidates[0]
+    assert first.kind.name == "static_compliance" and first.decision.scattered
+    assert found.verdict["effects"] == []
