@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 _THINNEST_M = 1e-10
-_UNIT_M = 8e-6
+_UNIT_M = 8e-6  # so that a sharp edge and a honed one are within a decade of 1
 
 
 @register
@@ -45,7 +45,7 @@ class Ploughing(AbstractEffect):
     alike = True
     parameters = {
         "minimum_chip_m": Parameter(
-            "m", 0.0, 1e-4, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2 um to 250 um (a honed insert)"
+            "m", 0.0, 1e-4, 0.0, 2e-6, source="0.2-0.4 of an edge radius of 2-250 um, a honed insert's"
         ),
         "ratio": Parameter("1", 0.5, 30.0, None, 3.0, log=True, length=3, source="working knowledge"),
         "gradual": Parameter("1", 0.0, 1.0, None, 0.0, source="0 or 1", whole=True),

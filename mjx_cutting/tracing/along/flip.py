@@ -73,15 +73,15 @@ def flipping(dataset: Dataset, after: Sequence[Prediction], orders: int) -> dict
         return {}
     each = [_flip(trial, teeth, orders) for trial in after]
     shaking = [i for i, one in enumerate(each) if one.shakes]
-    alone = len(shaking) < _FEWEST
-    if not shaking or (alone and each[shaking[0]].share < _LARGE_ALONE):
+    only_one = len(shaking) < _FEWEST
+    if not shaking or (only_one and each[shaking[0]].share < _LARGE_ALONE):
         return {}
     share = min(each[i].share for i in shaking)
     size_n = min(each[i].size_n for i in shaking)
     quiet = [i for i, one in enumerate(each) if one.share < _QUIET * share and one.size_n < _QUIET * size_n]
     speeds = np.array([trial.speed_rev_s for trial in after])
     beside = [i for i in shaking if np.any(np.abs(speeds[quiet] / speeds[i] - 1.0) < 2.0 * SPREAD)]
-    if not beside or ((alone or teeth == 2) and not _quiet_again(dataset, after, shaking, quiet)):
+    if not beside or ((only_one or teeth == 2) and not _quiet_again(dataset, after, shaking, quiet)):
         return {}
     return {i: each[i] for i in shaking}
 

@@ -93,7 +93,7 @@ def held_out(
     error = in_lines_n2(fits, own) + lines.rest_n2
     if grows(effects):
         error = np.maximum(error + growth_n2(problem, lines, fits, own), 0.0)
-    return HeldOut(_summed(error, owner), _summed(lines.energy_n2, owner), fits, fold)
+    return HeldOut(by_trial(error, owner), by_trial(lines.energy_n2, owner), fits, fold)
 
 
 def in_lines_n2(fits: Fit, own: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -114,7 +114,8 @@ def on_other_lines(problem: Problem, lines: Lines, effects: Effects, known: Held
     return HeldOut(error + lines.rest_n2, lines.energy_n2, known.fits, known.fold)
 
 
-def _summed(by_piece: NDArray[np.floating], owner: NDArray[np.int64]) -> NDArray[np.floating]:
+def by_trial(by_piece: NDArray[np.floating], owner: NDArray[np.int64]) -> NDArray[np.floating]:
+    """[R, A] sums over the pieces of every trial, of values [n, A] of each piece, `owner` [n] whose it is."""
     total = np.zeros((int(owner.max()) + 1, by_piece.shape[1]))
     np.add.at(total, owner, by_piece)
     return total

@@ -15,7 +15,7 @@ from scipy import stats
 
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
-from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.heldout import HeldOut, by_trial
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.decision import CHANCE, surely
@@ -36,17 +36,16 @@ def in_every_trial(
     """
     old = _left(problem, lines, effects[:-1], before)
     new = _left(problem, lines, effects, after)
-    count, added = int(lines.owner.max()) + 1, old - new
+    added = old - new
 
-    def by_trial(each: NDArray[np.floating]) -> NDArray[np.floating]:
-        rows = each.reshape(len(each), -1)
-        return np.asarray(np.bincount(lines.owner, np.sum(rows, axis=1), count), dtype=float)
+    def of_each(lines_of: NDArray[np.floating]) -> NDArray[np.floating]:
+        return by_trial(lines_of.reshape(len(lines_of), -1), lines.owner).sum(axis=1)
 
-    noise, was, left = by_trial(noise_squares(problem, lines)), by_trial(old**2), by_trial(new**2)
-    if count < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
+    noise, was, left = of_each(noise_squares(problem, lines)), of_each(old**2), of_each(new**2)
+    if len(was) < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
         return False
-    likeness = by_trial(old * added) / np.sqrt(np.maximum(was * by_trial(added**2), 1e-300))
-    return bool(tries * stats.t.sf(surely(likeness), count - 1) < CHANCE)
+    likeness = of_each(old * added) / np.sqrt(np.maximum(was * of_each(added**2), 1e-300))
+    return bool(tries * stats.t.sf(surely(likeness), len(was) - 1) < CHANCE)
 
 
 def _left(problem: Problem, lines: Lines, effects: Effects, heldout: HeldOut) -> NDArray[np.floating]:

@@ -28,6 +28,6 @@ def one_bend(problem: Problem, kind: type[AbstractEffect]) -> str | None:
     if count >= _FEWEST:
         return None
     return (
-        f"{count} feeds show one bend of the force, which where it ends and how stiff it is follow whatever "
-        f"bends it: cut at {_FEWEST} or more"
+        f"{count} feeds show one bend of the force, and ploughing follows any; {_FEWEST} or more, at least "
+        f"{_ANOTHER:.0%} apart, are asked: cut at others too"
     )
