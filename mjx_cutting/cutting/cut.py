@@ -33,8 +33,10 @@ class Cut(eqx.Module):
         gravity_x_m_s2, gravity_y_m_s2, gravity_z_m_s2: gravity less the tool's own acceleration, m/s^2.
         joint_velocity_rad_s: velocity of the joint that carries the feed, rad/s.
         feed_deviation_m_s: measured less nominal feed speed, m/s.
+        angle_holds_ripple: 1 where `angle_rad` was measured so finely that it holds what is uneven within a
+            turn, 0 where it is that of a spindle turning evenly.
 
-    The last seven are covariates that only some effects read; zero where nobody measured them.
+    The seven before it are covariates that only some effects read; zero where nobody measured them.
     """
 
     angle_rad: ArrayLike
@@ -56,6 +58,7 @@ class Cut(eqx.Module):
     gravity_z_m_s2: ArrayLike = 0.0
     joint_velocity_rad_s: ArrayLike = 0.0
     feed_deviation_m_s: ArrayLike = 0.0
+    angle_holds_ripple: ArrayLike = 0.0
 
     @classmethod
     def milling(

@@ -96,15 +96,16 @@ class ForceModel(eqx.Module):
         local = self.edge_force(chip, cut)
         lag = edge_lags(cutter, cut, self.tool)[0]
         force = elements_to_process(local.chip + local.edge, chip, self.tool)
-        return force, own, lag, self._even_turn(own[:, None, None] + lag)
+        return force, own, lag, self._even_turn(own[:, None, None] + lag, cut)
 
-    def _even_turn(self, angle: Array) -> tuple[Array, Array] | None:
+    def _even_turn(self, angle: Array, cut: Cut) -> tuple[Array, Array] | None:
         if all(type(effect).ahead is AbstractEffect.ahead for effect in self.effects):
             return None
 
         def ahead(angle: Array) -> Array:
             gains = [effect.ahead(angle) for effect in self.effects]
-            return sum((gain for gain in gains if gain is not None), jnp.zeros_like(angle))
+            gained = sum((gain for gain in gains if gain is not None), jnp.zeros_like(angle))
+            return gained * (1.0 - jnp.asarray(cut.angle_holds_ripple))
 
         even = angle - ahead(angle - ahead(angle))
         rate = jax.jvp(ahead, (even,), (jnp.ones_like(even),))[1]

@@ -16,6 +16,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.cutting.effects.broken_tooth import BrokenTooth
 from mjx_cutting.cutting.effects.material_periodicity import MaterialPeriodicity
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
+from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple as RIPPLE
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.ends import NAME as ENDS
@@ -23,6 +24,7 @@ from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged, mo
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
+from mjx_cutting.tracing.along.ripple_in_angle import find_ripple
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import SelfExcited, find_vibration
 from mjx_cutting.tracing.along.turning_chatter import find_chatter
@@ -38,6 +40,7 @@ from mjx_cutting.tracing.naming.lesser_part import refused
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.passes import Pass, for_use, near_floor
+from mjx_cutting.tracing.records.followed_angle import as_followed
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.tracing.records.spindle import as_turned
@@ -127,7 +130,7 @@ def _trace(
     said = dataset.axes
     levels = as_levels(dataset)
     level = at_level(dataset, levels)
-    dataset = as_turned(levels)
+    dataset = as_followed(as_turned(levels))
     columns = other_columns(said, dataset.axes)
     if BrokenTooth in kinds:
         dataset = parted_at_breakage(dataset)
@@ -171,6 +174,8 @@ def _trace(
             found = with_droop_on_ramps(dataset, _with_droop(found))
         if any(kind.name == OFFSET for kind in kinds) and found.search.problem.motion is None:
             found = _with_offset(found)
+        if RIPPLE in kinds and RIPPLE not in found.kinds and found.search.problem.motion is None:
+            found = _with_ripple(found)
         reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
@@ -332,6 +337,21 @@ def _with_offset(found: Pass) -> Pass:
         model=found.model.with_effects(late.round.accepted.effect),
         slow=(late.round, *found.slow),
         evidence=found.evidence | {OFFSET: late.evidence},
+    )
+
+
+def _with_ripple(found: Pass) -> Pass:
+    """A ripple that the measured angle holds: every fit went along that, so it comes before all others."""
+    ripple = find_ripple(found.dataset, found.lines, found.search, found.after)
+    if ripple is None or ripple.round.accepted is None:
+        return found
+    return replace(
+        found,
+        search=replace(found.search, base=ripple.base),
+        before=ripple.before,
+        model=found.model.with_effects(ripple.round.accepted.effect),
+        slow=(ripple.round, *found.slow),
+        evidence=found.evidence | {RIPPLE.name: ripple.evidence},
     )
 
 

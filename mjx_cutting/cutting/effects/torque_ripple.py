@@ -2,8 +2,8 @@
 
 f = f_0 (1 + eps cos(p th + phase)); the chip follows from the time since the tooth before passed, and the
 angle runs ahead of its mean by (eps / p) sin(p th + phase), to first order in eps. Signature: small lines at
-p f_s while cutting. Confused with runout, which is of order 1. `Cut.angle_rad` is taken as turning evenly;
-where the angle was measured, it holds the ripple already.
+p f_s while cutting. Confused with runout, which is of order 1. A measured angle may hold the ripple already
+(`Cut.angle_holds_ripple`): then only the chips show it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class TorqueRipple(AbstractEffect):
     phase_rad: ArrayLike
 
     def spindle(self, cut: Cut, model: ForceModel) -> Cut:
-        return cut.replace(angle_rad=cut.angle_rad + self.ahead(cut.angle_rad))
+        ahead = self.ahead(cut.angle_rad) * (1.0 - jnp.asarray(cut.angle_holds_ripple))
+        return cut.replace(angle_rad=cut.angle_rad + ahead)
 
     def ahead(self, angle_rad: ArrayLike) -> Array:
         order = jnp.asarray(self.order)

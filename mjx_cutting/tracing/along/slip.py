@@ -26,7 +26,7 @@ from mjx_cutting.tracing.along.ends import SHARES, Ramps, between_shares, way_in
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.course import Course
-from mjx_cutting.tracing.records.lines import turns
+from mjx_cutting.tracing.records.turns import turns
 
 _STIFFER = np.linspace(0.5, 2.0, 61)
 _LAGS_S = np.linspace(0.0, 0.5, 11)

@@ -28,6 +28,7 @@ from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import helix_gain, line_gain
 from mjx_cutting.tracing.records.lines import Lines
+from mjx_cutting.tracing.records.turns import holds_ripple
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 TOLERANCE = 0.003
@@ -136,6 +137,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             cut_length_m=trial.cut_length_before_m + 0.5 * _length_m(trial),
             time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),
+            angle_holds_ripple=float(holds_ripple(trial)),
         )
         for trial, place, speed in zip(trials, places, lines.speed_rev_s, strict=True)
     ]

@@ -17,7 +17,7 @@ def line_gain(sensor: Sensor, speed_rev_s: np.ndarray[Any, Any], orders: int) ->
 
     Arguments: sensor; `speed_rev_s` [R] spindle speeds; highest order.
     """
-    return _filter_gain(sensor.anti_alias, np.multiply.outer(speed_rev_s, np.arange(orders + 1)))
+    return filter_gain(sensor.anti_alias, np.multiply.outer(speed_rev_s, np.arange(orders + 1)))
 
 
 def helix_gain(width_m: ArrayLike, diameter_m: ArrayLike, helix_rad: ArrayLike, orders: int) -> Array:
@@ -39,7 +39,8 @@ def _poles(alias: AntiAlias) -> np.ndarray[Any, Any]:
     return np.exp(1j * np.pi * (2 * np.arange(1, alias.order + 1) + alias.order - 1) / (2 * alias.order))
 
 
-def _filter_gain(alias: AntiAlias | None, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def filter_gain(alias: AntiAlias | None, frequency: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """[...] complex response of a filter at frequencies, Hz; 1 without one."""
     if alias is None:
         return np.ones_like(frequency, dtype=complex)
     poles = _poles(alias)

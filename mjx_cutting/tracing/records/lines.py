@@ -26,7 +26,8 @@ from mjx_cutting.tracing.records.spindle import (
     spindle_speeds,
     stated_speed,
 )
-from mjx_cutting.trials.dataset import Dataset, Trial
+from mjx_cutting.tracing.records.turns import filtered_turns, reach, turns
+from mjx_cutting.trials.dataset import Dataset, Sensor, Trial
 
 Array = NDArray[np.floating]
 _RIDGE = 1e-9
@@ -198,7 +199,7 @@ def _read(
     followed: NDArray[np.bool_],
 ) -> Lines:
     parts = [
-        _one(trial, speed, followed, dataset.sensor.sample_rate_hz, band_hz)
+        _one(trial, speed, followed, dataset.sensor, band_hz)
         for trial, speed in zip(trials, speeds, strict=True)
     ]
     energy, rest, whitened, factor, present, samples = (np.stack(part) for part in zip(*parts, strict=True))
@@ -218,27 +219,20 @@ def _read(
     )
 
 
-def turns(angle_rad: Array, orders: int) -> NDArray[np.complexfloating]:
-    """[orders + 1, T] exp(i n th) for n = 0..orders."""
-    power = np.empty((orders + 1, len(angle_rad)), dtype=complex)
-    power[0], known = 1.0, 1
-    while known <= orders:
-        more = min(known, orders + 1 - known)
-        np.multiply(power[:more], np.exp(1j * known * angle_rad), out=power[known : known + more])
-        known += more
-    return power
-
-
 def heard_turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.complexfloating]:
-    """[T, orders + 1] exp(i n th) at the angles [T] of a trial, twice for n >= 1, nil out of the band."""
+    """[T, orders + 1] exp(i n th) at the angles [T] of a trial, as the filter passes them, twice for n >= 1,
+    nil out of the band."""
     heard = np.concatenate([[1.0], 2.0 * lines.present[trial][1::2]])
-    return turns(angle_rad, lines.orders).T * heard
+    return filtered_turns(angle_rad, lines.orders, lines.dataset.sensor).T * heard
 
 
 def basis(angle_rad: Array, orders: int) -> Array:
     """[T, 2 orders + 1] columns 1, cos n th, sin n th for n = 1..orders, in that order of n."""
-    columns = np.empty((2 * orders + 1, len(angle_rad)))
-    power = turns(angle_rad, orders)
+    return _real_columns(turns(angle_rad, orders))
+
+
+def _real_columns(power: NDArray[np.complexfloating]) -> Array:
+    columns = np.empty((2 * len(power) - 1, power.shape[1]))
     columns[0], columns[1::2], columns[2::2] = 1.0, power[1:].real, power[1:].imag
     return columns.T
 
@@ -267,7 +261,8 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
         wanted = max(wanted, int(audible_hz / slowest_rev_s))
     order = np.arange(1, min(wanted, most) + 1)
     frequency = order * slowest_rev_s
-    heard = _folded(frequency, sensor.sample_rate_hz) <= band_hz[1] + _BESIDE * slowest_rev_s
+    beside = _BESIDE + max(reach(trial) for trial in dataset.trials if trial.kind == "cut")
+    heard = _folded(frequency, sensor.sample_rate_hz) <= band_hz[1] + beside * slowest_rev_s
     if sensor.anti_alias is not None:
         alias = sensor.anti_alias
         heard &= (frequency / alias.hz) ** alias.order < _INAUDIBLE
@@ -282,13 +277,14 @@ def _folded(frequency_hz: Array, rate_hz: float) -> Array:
 
 
 def _one(
-    trial: Trial, speed: float, followed: NDArray[np.bool_], rate_hz: float, band_hz: tuple[float, float]
+    trial: Trial, speed: float, followed: NDArray[np.bool_], sensor: Sensor, band_hz: tuple[float, float]
 ) -> tuple[Array, Array, Array, Array, Array, int]:
+    rate_hz = sensor.sample_rate_hz
     record = band_limit(trial.force_n, rate_hz, band_hz)
-    columns = basis(spindle_angle(trial, speed), len(followed) - 1)
+    columns = _real_columns(filtered_turns(spindle_angle(trial, speed), len(followed) - 1, sensor))
     order = order_of_columns(len(followed) - 1)
     folded = _folded(order * speed, rate_hz)
-    beside = _BESIDE * speed
+    beside = (_BESIDE + reach(trial)) * speed
     in_band = (folded >= band_hz[0] - beside) & (folded <= band_hz[1] + beside)
     present = (in_band & followed[order]).astype(float)
     # the same filter as on the record: a line just outside the band leaks into it alike
