@@ -39,6 +39,7 @@ _STEP = 1e-4
 _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
 _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
+_FLAT = 1e-5
 _HUGE = 1e9
 _UNTOLD = 1e-3
 _MANY = 64
@@ -223,9 +224,7 @@ class Descent:
         mask = np.repeat(use, self.measured // self.problem.trials, axis=1)
         mask = np.concatenate([mask, np.ones((len(use), penalties))], axis=1)
         normal = np.stack([(everywhere * row[:, None]).T @ everywhere for row in mask])
-        diagonal = np.diagonal(normal, axis1=1, axis2=2)
-        floor = 1e-9 * diagonal.sum(axis=1, keepdims=True) / len(x) + 1e-12
-        scale = (diagonal + floor)[:, :, None] * np.eye(len(x))
+        scale = np.stack([_scale(each) for each in normal])
         here, left = np.tile(x, (len(use), 1)), start * mask
         squares = np.sum(left**2, axis=1)
         for _ in range(steps):
@@ -272,8 +271,9 @@ def _updated(slope: Matrix, step: Matrix, change: Matrix) -> Matrix:
 
 
 def _scale(normal: Matrix) -> Matrix:
-    """[U, U] what damping multiplies: the diagonal, kept above zero."""
-    return np.diag(np.diag(normal) + 1e-9 * np.trace(normal) / len(normal) + 1e-12)
+    """[U, U] what damping multiplies: the diagonal, kept above what forward differences make of an unknown
+    that changes nothing, such as a phase where no tooth passing is heard: a step along it has no end."""
+    return np.diag(np.diag(normal) + _FLAT * np.trace(normal) / len(normal) + 1e-12)
 
 
 @partial(_platform.jit, static_argnums=2, compiler_options=COMPILER)

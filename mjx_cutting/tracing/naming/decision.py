@@ -137,7 +137,7 @@ def interval(
     A model's error that may be several times the value undoes it; a smaller one only widens the interval.
 
     An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid or is a
-    whole number: its interval is all of its physical range.
+    whole number: its interval is all of its physical range. So is that of an angle that may be any.
     """
     unit = kind.parameters[name].unit
     value = np.atleast_1d(np.asarray(whole, dtype=float))
@@ -156,8 +156,10 @@ def interval(
     half = quantile * error + np.ravel(model_error)
     most, wide = float(value[tooth]), float(half[tooth])
     chosen = on_grid or kind.parameters[name].whole
-    if kind.parameters[name].identity is None and not half.any() and not chosen:
-        return Interval(most, kind.parameters[name].low, kind.parameters[name].high, unit)
+    declared = kind.parameters[name]
+    anywhere = unit == "rad" and declared.high - declared.low >= 2.0 * np.pi and wide >= np.pi
+    if declared.identity is None and (anywhere or (not half.any() and not chosen)):
+        return Interval(most, declared.low, declared.high, unit)
     origin = kind.parameters[name].identity or 0.0
     if scale is None:
         away = abs(most - origin)

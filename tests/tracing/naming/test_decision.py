@@ -179,6 +179,8 @@ def test_a_ratio_is_told_on_the_scale_it_is_fitted_on():
 def test_an_angle_that_no_trial_moves_is_unknown():
     found = interval(RadialRunout, "angle_rad", 0.0, np.zeros(4))
     assert (found.low, found.high) == pytest.approx((-np.pi, np.pi))
+    anywhere = interval(RadialRunout, "angle_rad", 0.4, np.array([0.2, 0.5, -0.1, 0.9]), laplace=50.0)
+    assert (anywhere.value, anywhere.low, anywhere.high) == pytest.approx((0.4, -np.pi, np.pi))
     chosen = interval(CommandStair, "period_s", 0.02, np.full(4, 0.02), on_grid=True)
     assert (chosen.value, chosen.low, chosen.high) == (0.02, 0.02, 0.02)
 
