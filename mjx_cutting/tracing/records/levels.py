@@ -3,8 +3,9 @@
 Such a tool is always engaged, so a turn has no shape to speak of: thrust and torque of a drill, the three
 forces of a turning tool, each at the steady part of the trial. A sensor zeroed before the trial reads nothing
 there but the cut, so no bias is fitted; where records that begin in the air (of a turning tool, or end in
-it: a drill rubs on its way out) show that it was not at zero, what it read there is taken off. Of a sensor
-zeroed once a session, what it read there stands beside the cuts as cuts in air do.
+it: a drill rubs on its way out) show that it was not at zero, what it read there is taken off. Then a record
+without air does not tell its force, and is left out where enough others do. Of a sensor zeroed once a
+session, what it read there stands beside the cuts as cuts in air do.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.steady import IN_CUT, sizes, steady
-from mjx_cutting.trials.dataset import Dataset, Trial
+from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 
 LEVEL_KINDS = ("drill", "turning")
 _AIR = 0.5
@@ -27,6 +28,8 @@ _SHORTER = 0.8
 _FEWEST_ALIKE = 3
 _ONE_SHARE = 0.05
 _MAIN = 1.2
+_FEWEST_TOLD = 4
+_OFF = 0.02
 Array = NDArray[np.floating]
 
 
@@ -48,13 +51,16 @@ def as_levels(dataset: Dataset) -> Dataset:
     airs = [_beside_the_cut(trial, dataset.tool.kind) for trial in trials]
     if _go_with_the_cut(trials, airs):
         airs = [None] * len(trials)
-    in_air = []
+    in_air: list[Trial] = []
+    unknown: tuple[LeftOut, ...] = ()
     if dataset.sensor.zeroed == "trial":
+        unknown = _of_unknown_zero(trials, airs, dataset.tool.kind)
         trials = _at_zero(trials, airs)
+        trials = [trial for trial in trials if trial.file not in {each.file for each in unknown}]
     else:
         in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
     trials = [_level(trial) if trial.kind == "cut" else trial for trial in trials] + in_air
-    levels = replace(dataset, trials=tuple(trials))
+    levels = replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *unknown))
     mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
     if dataset.tool.kind == "turning":
         return _as_on_a_lathe(levels, mean)
@@ -119,6 +125,29 @@ def _at_zero(trials: list[Trial], airs: list[slice | None]) -> list[Trial]:
         trial if air is None else replace(trial, force_n=trial.force_n - air.mean(axis=0))
         for trial, air in zip(trials, beside, strict=True)
     ]
+
+
+def _of_unknown_zero(trials: list[Trial], airs: list[slice | None], kind: str) -> tuple[LeftOut, ...]:
+    """The cuts without air beside them, where those that have it show that the zero of each is its own, and
+    off by more than a model is, and where they are enough by themselves."""
+    pairs = [pair for pair in zip(trials, airs, strict=True) if pair[0].kind == "cut"]
+    told = [(trial, trial.force_n[air].mean(axis=0)) for trial, air in pairs if air is not None]
+    without = [trial for trial, air in pairs if air is None]
+    if len(told) < max(_FEWEST_TOLD, len(without)):
+        return ()
+    off = np.sqrt(np.mean([zero**2 for _, zero in told], axis=0))
+    level = np.abs(
+        np.mean([trial.force_n[steady(trial.force_n)].mean(axis=0) - zero for trial, zero in told], axis=0)
+    )
+    force = np.maximum(level, 1e-12) if kind == "drill" else np.linalg.norm(level)
+    share = float(np.max(off / force))
+    if share < _OFF:
+        return ()
+    why = (
+        f"shows no air beside the cut, while the zeros of the {len(told)} cuts that do are off by "
+        f"{share:.0%} of the force; begin the record before the tool touches"
+    )
+    return tuple(LeftOut(trial.file, why) for trial in without)
 
 
 def _air_of(trial: Trial, air: slice) -> Trial:
