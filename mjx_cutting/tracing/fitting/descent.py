@@ -40,6 +40,7 @@ _DAMPING = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 30.0)
 _FOLD_DAMPING = (1e-6, 1e-2, 0.3)
 _SETTLED = 3e-4
 _FLAT = 1e-5
+_ROUNDING = 1e-9
 _HUGE = 1e9
 _UNTOLD = 1e-3
 _MANY = 64
@@ -144,7 +145,10 @@ class Descent:
         [M + B, U] there, by forward differences."""
         here = self.rows(x[None]) if here is None else here
         moved = self.beside(x + _STEP * np.eye(len(x)), here, np.zeros(len(x), dtype=int))
-        return here.left[0], np.transpose(moved - here.left[0]) / _STEP
+        slope = np.transpose(moved - here.left[0]) / _STEP
+        size = np.linalg.norm(slope, axis=0)
+        # of what no measurement shows only rounding is left, along which the fit would wander
+        return here.left[0], np.where(size > _ROUNDING * size.max(initial=0.0), slope, 0.0)
 
     def glance(self, starts: Matrix, known: Matrix) -> Matrix:
         """[n] sum of squares after the best of a few damped steps from each of `starts` [n, U].

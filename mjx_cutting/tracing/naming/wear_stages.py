@@ -1,9 +1,10 @@
 """Wear in its stages: an edge wears fast while it is sharp, then evenly, and fast again before it fails.
 
 Wear that grows evenly is tried first, because fewer unknowns leave more to be sure of. Where its land leaves
-more than noise, it is fitted with a run-in and with a late stage as well, then with both, and each is kept
-where it explains more than chance does. Without a run-in, force that rises fast and then slowly is a sensor's
-drift rather than wear; without a late stage, wear that sets in late is scatter over the trials.
+more than noise, it is fitted with a run-in and with a late stage as well, then with both (either alone may
+leave too much of the other to stand out), and each is kept where it explains more than chance does. Without a
+run-in, force that rises fast and then slowly is a sensor's drift rather than wear; without a late stage, wear
+that sets in late is scatter over the trials.
 """
 
 from __future__ import annotations
@@ -75,10 +76,10 @@ def in_stages(found: Candidate, place: Place) -> Candidate:
     running_in = place.better(found, _kind(longest_m, runs_in=True), [np.append(x, each) for each in sharp])
     late = place.better(found, _kind(longest_m, late=True), [np.append(x, each) for each in blunt])
     one = min(found, running_in, late, key=lambda each: each.heldout.nrmse)
-    if one is found:
-        return found
     x = np.asarray(one.fit.x)
-    if one is running_in:
+    if one is found:
+        starts = [np.concatenate([x, *each]) for each in zip(sharp, blunt, strict=True)]
+    elif one is running_in:
         starts = [np.append(x, each) for each in blunt]
     else:
         starts = [np.concatenate([x[:-2], each, x[-2:]]) for each in sharp]

@@ -89,6 +89,20 @@ def test_all_three_stages_are_found():
     assert values["initial_m"] / values["rate"] == pytest.approx(15.0, rel=0.2)
 
 
+def test_a_run_in_and_a_late_stage_of_which_neither_alone_stands_out_are_found_together():
+    """Beside what the one leaves, the other alone is no more than chance makes it."""
+
+    def land_m(length: float) -> float:
+        return 4e-5 * -np.expm1(-length / 0.5) + 1e-5 * length + 3e-5 * np.maximum(length - 6.2, 0.0)
+
+    verdict = trace(_turned(land_m, lengths_m=np.linspace(0.0, 7.8, 16))).verdict
+    (wear,) = verdict["effects"]
+    assert wear["name"] == "flank_wear" and verdict["verdict"] == "explained"
+    values = {name: each["value"] for name, each in wear["parameters"].items()}
+    assert values["run_in_m"] == pytest.approx(0.5, rel=0.3)
+    assert values["late_start_m"] == pytest.approx(6.2, abs=0.4)
+
+
 def test_even_wear_is_told_without_stages():
     verdict = trace(_turned(lambda length: 6e-6 * length)).verdict
     (wear,) = verdict["effects"]
