@@ -48,7 +48,7 @@ from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import above_band
 from mjx_cutting.tracing.telling.at_level import at_level
-from mjx_cutting.tracing.telling.axes import better_reading, other_columns
+from mjx_cutting.tracing.telling.axes import Reading, better_reading, other_columns, read_as
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
@@ -71,6 +71,7 @@ class Tracing(Pass):
         verdict: the dictionary written to verdict.json.
         unnamed: the factor fitted where no named effect explains what is left; `model` holds it too.
         caveats: what else limits the conclusions, in words.
+        reading: of the columns of force, a way to read them that fits far better.
     """
 
     depends_before: tuple[Dependence, ...]
@@ -78,6 +79,7 @@ class Tracing(Pass):
     verdict: dict[str, Any]
     unnamed: Unnamed | None = None
     caveats: tuple[str, ...] = ()
+    reading: Reading | None = None
 
 
 def trace(
@@ -107,31 +109,38 @@ def trace(
     with _platform.x64():
         dataset = of_one_material(dataset, trusted_band(dataset, band_hz), material)
     _check(dataset)
-    found = _trace(dataset, band_hz, effects, seed, progress)
+    said = dataset.axes
+    found = _trace(dataset, said, band_hz, effects, seed, progress)
+    if said is None and found.reading is not None:
+        progress(f"once more, the columns of force read as {list(found.reading.axes)}")
+        otherwise = read_as(dataset, found.reading.axes)
+        again = _trace(otherwise, said, band_hz, effects, seed, progress)
+        if again.final.nrmse < _CLEARER * found.final.nrmse:
+            dataset, found = otherwise, again
     if found.verdict["verdict"] != "unexplained" or (one := spoiled(found.dataset, found.final)) is None:
         return found
     progress(f"once more, without {one.file}")
-    again = _trace(without(dataset, one), band_hz, effects, seed, progress)
+    again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)
     settled = again.verdict["verdict"] != "unexplained"
     return again if settled or again.final.nrmse < _CLEARER * found.final.nrmse else found
 
 
 def _trace(
     dataset: Dataset,
+    said: tuple[str, str, str] | None,
     band_hz: tuple[float, float] | None,
     effects: Sequence[str] | None,
     seed: int,
     progress: Callable[[str], None],
 ) -> Tracing:
-    """`trace`, with every trial."""
+    """`trace`, with every trial; `said` is what the data set itself says of its axes."""
     kinds = testable(dataset) if effects is None else [effect_class(name) for name in effects]
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
-    said = dataset.axes
     levels = as_levels(dataset)
     level = at_level(dataset, levels)
     dataset = as_followed(as_turned(levels))
-    columns = other_columns(said, dataset.axes)
+    columns = other_columns(dataset, said)
     if BrokenTooth in kinds:
         dataset = parted_at_breakage(dataset)
     with _platform.x64():
@@ -227,6 +236,7 @@ def _trace(
         verdict=word,
         unnamed=unnamed,
         caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns, level),
+        reading=reading,
     )
 
 

@@ -11,6 +11,7 @@ the axes otherwise, the main cutting force is found (`levels`), and what was mad
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -46,15 +47,28 @@ class Reading(NamedTuple):
         )
 
 
-def other_columns(said: tuple[str, str, str] | None, read: tuple[str, str, str] | None) -> str | None:
-    """That the columns of force were `read` otherwise than the data set's `axes` had `said`, in words; None
+def other_columns(dataset: Dataset, said: tuple[str, str, str] | None) -> str | None:
+    """That the columns of force were read otherwise than the data set's `axes` had `said`, in words; None
     where not."""
-    if said == read:
+    if said == dataset.axes:
         return None
+    turned = "the largest as the main cutting force of a turning tool"
+    why = turned if dataset.tool.kind == "turning" else "so that they are those of teeth at all"
     return (
-        f"the columns of force were read as {list(read or ())}, the largest as the main cutting force of a "
-        "turning tool: say so in `axes` in dataset.json, or check how the sensor is mounted"
+        f"the columns of force were read as {list(dataset.axes or ())}, {why}: say so in `axes` in "
+        "dataset.json, or check how the sensor is mounted"
     )
+
+
+def read_as(dataset: Dataset, axes: tuple[str, str, str]) -> Dataset:
+    """The data set, which says nothing of its axes, with the columns of force read as `axes`."""
+    noise = dataset.sensor.noise_std_n
+    if noise is not None and len(noise) == 3:
+        x, y, z = np.abs(columns_to_process(np.asarray(noise), axes)).tolist()
+        noise = (x, y, z)
+    trials = (replace(t, force_n=columns_to_process(t.force_n, axes)) for t in dataset.trials)
+    sensor = replace(dataset.sensor, noise_std_n=noise)
+    return replace(dataset, axes=axes, sensor=sensor, trials=tuple(trials))
 
 
 def better_reading(dataset: Dataset, lines: Lines, problem: Problem, left: float) -> Reading | None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.tracing.fitting.moving import MovingLines
+from mjx_cutting.trials.dataset import Sensor
 
 ORDERS, PLACES, RATE_HZ, SAMPLES = 6, 9, 1000.0, 500
 THERE = np.linspace(0.0, 0.02, SAMPLES)
@@ -19,7 +20,12 @@ def test_force_and_likeness_are_those_of_the_lines_at_each_place(way_m):
     generator = np.random.default_rng(3)
     places = generator.normal(size=(PLACES, ORDERS + 1, 3, 2)) @ [1.0, 1.0j]
     places[:, 0] = places[:, 0].real
-    lines = SimpleNamespace(orders=ORDERS, present=np.ones((1, 2 * ORDERS + 1)), band_hz=(0.0, 0.5 * RATE_HZ))
+    lines = SimpleNamespace(
+        orders=ORDERS,
+        present=np.ones((1, 2 * ORDERS + 1)),
+        band_hz=(0.0, 0.5 * RATE_HZ),
+        dataset=SimpleNamespace(sensor=Sensor(RATE_HZ)),
+    )
     moving = MovingLines(lines, 0, places, way_m, RATE_HZ)
     angle = np.linspace(0.0, 61.0, SAMPLES)
 

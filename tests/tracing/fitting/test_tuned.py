@@ -9,6 +9,7 @@ import pytest
 
 from mjx_cutting.tracing.fitting.moving import MovingLines
 from mjx_cutting.tracing.fitting.tuned import tuned_angle
+from mjx_cutting.trials.dataset import Sensor
 
 TEETH, ORDERS, RATE_HZ, SPEED_REV_S, SECONDS = 4, 24, 4000.0, 40.0, 0.6
 
@@ -19,7 +20,12 @@ def _growing() -> MovingLines:
     line[::TEETH] = generator.normal(size=(7, 3, 2)) @ [1.0, 1.0j] / np.arange(1, 8)[:, None] ** 2 * 50.0
     line[1] = [0.5, 0.3, 0.1]
     places = np.linspace(0.0, 1.0, 33)[:, None, None] ** 0.5 * line
-    lines = SimpleNamespace(orders=ORDERS, present=np.ones((1, 2 * ORDERS + 1)), band_hz=(0.0, 0.5 * RATE_HZ))
+    lines = SimpleNamespace(
+        orders=ORDERS,
+        present=np.ones((1, 2 * ORDERS + 1)),
+        band_hz=(0.0, 0.5 * RATE_HZ),
+        dataset=SimpleNamespace(sensor=Sensor(RATE_HZ)),
+    )
     return MovingLines(lines, 0, places, np.linspace(0.0, 0.01, round(RATE_HZ * SECONDS)), RATE_HZ)
 
 

@@ -28,7 +28,7 @@ def test_the_largest_force_on_a_turning_tool_is_the_main_one_whichever_column_it
         recorded = process_to_columns(trial.force_n, read.axes)
         np.testing.assert_allclose(recorded, signs * expected.force_n[:, columns])
     assert (read.axes is None) == (columns == [0, 1, 2])
-    assert (other_columns(turned.axes, read.axes) is None) == (read.axes is None)
+    assert (other_columns(read, turned.axes) is None) == (read.axes is None)
 
 
 def test_a_tracing_tells_how_it_read_the_columns():

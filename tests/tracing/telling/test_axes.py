@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting import _platform
+from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.lines import compress, trusted_band
@@ -37,6 +38,29 @@ def test_forces_on_the_sheet_along_other_axes_are_noticed(mill, declared):
         file = other.force_n @ columns
         again = columns_to_process(file, found.axes)
         np.testing.assert_allclose(again[:, :2], trial.force_n[:, :2])
+
+
+def _turned(dataset, columns):
+    """The data set as a sensor recorded it of which the columns are `columns`, which nobody says."""
+    of = columns_to_process(np.eye(3), columns).T
+    trials = tuple(replace(trial, force_n=trial.force_n @ of) for trial in dataset.trials)
+    return replace(dataset, trials=trials, axes=None)
+
+
+def test_where_nothing_is_said_of_the_axes_the_trials_are_traced_as_they_fit(mill):
+    found = trace(_turned(mill(), ("+y", "-x", "+z")), effects=("radial_runout",))
+    assert found.verdict["effects"] == [] and found.verdict["verdict"] == "nothing missing"
+    assert found.verdict["after"]["heldout_nrmse"] < 1.15 * found.verdict["noise_floor_nrmse"]
+    assert found.dataset.axes == ("+y", "-x", "+z")
+    assert any("read as ['+y', '-x', '+z']" in each for each in found.caveats)
+    assert "read as ['+y', '-x', '+z']" in found.verdict["remaining"]["description"]
+
+
+def test_what_the_data_set_says_of_its_axes_is_not_turned_round(mill):
+    dataset = replace(_turned(mill(), ("+y", "-x", "+z")), axes=("+x", "+y", "+z"))
+    found = trace(dataset, effects=())
+    assert found.dataset.axes == ("+x", "+y", "+z") and found.verdict["verdict"] == "unexplained"
+    assert found.reading is not None and found.reading.axes[:2] == ("+y", "-x")
 
 
 def test_forces_that_fit_as_they_are_are_left_alone(mill):
