@@ -22,16 +22,15 @@ from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, on_other_lines
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
-from mjx_cutting.tracing.naming.decision import decide, interval
+from mjx_cutting.tracing.naming.decision import Interval, decide, interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, compress
-from mjx_cutting.tracing.records.turns import even_angle, holds_ripple
+from mjx_cutting.tracing.records.turns import CHANCE, even_angle, holds_ripple
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _ORDERS = np.arange(2, 15)
 _CLEARLY = 4.0
-_CHANCE = 1e-6
 Array = NDArray[np.floating]
 
 
@@ -65,29 +64,12 @@ def find_ripple(
     eps = order * np.abs(wave)
     zero = [float(np.mean(each.angle_rad - _angle(trial))) for each, trial in zip(after, trials, strict=True)]
     phases = np.exp(1j * (np.angle(wave) - order * np.array(zero)))
-
-    assert found.final.fits is not None
-    fold = found.final.fold
-    folds = [fold != each for each in range(int(fold.max()) + 1)]
-    error = float(np.std(eps)) / np.sqrt(max(len(eps) - 1, 1))
-    told = {
-        "amplitude": interval(
-            TorqueRipple, "amplitude", eps.mean(), np.array([eps[use].mean() for use in folds]), error
-        ),
-        "order": interval(TorqueRipple, "order", float(order), np.full(len(folds), float(order))),
-        "phase_rad": interval(
-            TorqueRipple,
-            "phase_rad",
-            np.angle(phases.mean()),
-            np.array([np.angle(phases[use].mean()) for use in folds]),
-            float(np.std(np.angle(phases * np.conj(phases.mean())))) / np.sqrt(len(phases)),
-        ),
-    }
+    told = _told(order, eps, phases, found.final.fold)
     evenly = replace(dataset, trials=tuple(_evenly(trial) for trial in dataset.trials))
     still = compress(evenly, lines.band_hz, lines.speed_rev_s, like=lines)
     problem, base = fit_base(pose(evenly, still))
     rigid = on_other_lines(pose(evenly, still), still, found.effects, found.final)
-    decision = decide(TorqueRipple, rigid, found.final, _CHANCE, told)
+    decision = decide(TorqueRipple, rigid, found.final, CHANCE, told)
     effect = TorqueRipple(float(eps.mean()), float(order), float(np.angle(phases.mean())))
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
     candidate = SlowCandidate(TorqueRipple, effect, found.final, decision, silent)
@@ -102,6 +84,26 @@ def find_ripple(
             "spindle that turns evenly",
         ),
     )
+
+
+def _told(order: int, eps: Array, phases: NDArray, fold: NDArray[np.int64]) -> dict[str, Interval]:
+    """The parameters, from eps [R] and exp(i phase) [R] of the trials, each in its fold [R]."""
+    folds = [fold != each for each in range(int(fold.max()) + 1)]
+    away = np.angle(phases * np.conj(phases.mean()))
+    many = max(len(eps) - 1, 1)
+    by_name = {
+        "amplitude": (eps.mean(), [eps[use].mean() for use in folds], np.std(eps) / np.sqrt(many)),
+        "order": (order, [order for _ in folds], 0.0),
+        "phase_rad": (
+            np.angle(phases.mean()),
+            [np.angle(phases[use].mean()) for use in folds],
+            np.std(away) / np.sqrt(many),
+        ),
+    }
+    return {
+        name: interval(TorqueRipple, name, float(whole), np.array(parts, dtype=float), float(error))
+        for name, (whole, parts, error) in by_name.items()
+    }
 
 
 def _waves(trial: Trial) -> Array:

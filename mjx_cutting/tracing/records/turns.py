@@ -26,6 +26,8 @@ _ROUNDING_RAD = 1e-7
 _STILL_RAD = 1e-3
 _SLOW = 8
 _LEAST_SIDEBAND = 0.2
+# of the best of these orders, where noise alone makes the angle: its power falls off exponentially
+CHANCE = len(_ORDERS) * 2.0**-_STANDS_OUT
 Array = NDArray[np.floating]
 
 
