@@ -27,6 +27,7 @@ from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.ripple_in_angle import find_ripple
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import SelfExcited, find_vibration
+from mjx_cutting.tracing.along.slow_round import BeforeOthers
 from mjx_cutting.tracing.along.turning_chatter import find_chatter
 from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.by_place import in_ramps
@@ -309,19 +310,24 @@ def _shaken(found: Pass, shaken: SelfExcited) -> Pass:
     return replace(found.with_round(shaken.round, shaken.evidence), model=found.model)
 
 
-def _with_droop(found: Pass) -> Pass:
-    """A spindle that gives way: its lines were read at the loaded speed, so it comes before all others."""
-    droop = find_droop(found.dataset, found.lines, found.search)
-    if droop is None or droop.round.accepted is None:
+def _before_others(found: Pass, tried: BeforeOthers | None) -> Pass:
+    """The pass with what was tried of how its records were read, where that was accepted."""
+    if tried is None or tried.round.accepted is None:
         return found
+    named = tried.round.accepted
     return replace(
         found,
-        search=replace(found.search, base=droop.base),
-        before=droop.before,
-        model=found.model.with_effects(droop.round.accepted.effect),
-        slow=(droop.round, *found.slow),
-        evidence=found.evidence | {DROOP: droop.evidence},
+        search=replace(found.search, base=tried.base),
+        before=tried.before,
+        model=found.model.with_effects(named.effect),
+        slow=(tried.round, *found.slow),
+        evidence=found.evidence | {named.kind.name: tried.evidence},
     )
+
+
+def _with_droop(found: Pass) -> Pass:
+    """A spindle that gives way: its lines were read at the loaded speed."""
+    return _before_others(found, find_droop(found.dataset, found.lines, found.search))
 
 
 def _unnamed(found: Pass, bare: Pass) -> Pass:
@@ -335,34 +341,14 @@ def _unnamed(found: Pass, bare: Pass) -> Pass:
 
 
 def _with_offset(found: Pass) -> Pass:
-    """A force that is late against the measured angle: every fit left the phases free, so it comes before all
-    others, as droop does."""
+    """A force that is late against the measured angle: every fit left the phases free."""
     late = find_offset(found.dataset, found.lines, found.search, found.final, found.before, found.after)
-    if late is None or late.round.accepted is None:
-        return found
-    return replace(
-        found,
-        search=replace(found.search, base=late.base),
-        before=late.before,
-        model=found.model.with_effects(late.round.accepted.effect),
-        slow=(late.round, *found.slow),
-        evidence=found.evidence | {OFFSET: late.evidence},
-    )
+    return _before_others(found, late)
 
 
 def _with_ripple(found: Pass) -> Pass:
-    """A ripple that the measured angle holds: every fit went along that, so it comes before all others."""
-    ripple = find_ripple(found.dataset, found.lines, found.search, found.after)
-    if ripple is None or ripple.round.accepted is None:
-        return found
-    return replace(
-        found,
-        search=replace(found.search, base=ripple.base),
-        before=ripple.before,
-        model=found.model.with_effects(ripple.round.accepted.effect),
-        slow=(ripple.round, *found.slow),
-        evidence=found.evidence | {RIPPLE.name: ripple.evidence},
-    )
+    """A ripple that the measured angle holds: every fit went along that."""
+    return _before_others(found, find_ripple(found.dataset, found.lines, found.search, found.after))
 
 
 def save(tracing: Tracing, out: Path) -> None:

@@ -16,7 +16,7 @@ speeds are the stated ones, and no more is read from records: so drills and turn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -26,10 +26,10 @@ from scipy import stats
 
 from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.cutting.average import mean_load
-from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import BeforeOthers, SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, on_other_lines
-from mjx_cutting.tracing.fitting.prediction import Prediction, loaded_about, predictions
+from mjx_cutting.tracing.fitting.prediction import loaded_about, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.decision import decide, interval
 from mjx_cutting.tracing.naming.search import Search
@@ -44,18 +44,7 @@ _TIMES_LESS_SURE = 10.0
 Array = NDArray[np.floating]
 
 
-@dataclass(frozen=True, eq=False)
-class Droop:
-    """Droop tried: its round, the base model's error and predictions at speeds near the stated ones, and what
-    speaks for it."""
-
-    round: SlowRound
-    base: HeldOut
-    before: tuple[Prediction, ...]
-    evidence: tuple[str, ...]
-
-
-def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
+def find_droop(dataset: Dataset, lines: Lines, found: Search) -> BeforeOthers | None:
     """Droop beside what the search over lines found (call it in float64); None where no spindle is slow."""
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     measured = all(measured_speed(trial) is not None for trial in trials)
@@ -93,7 +82,7 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> Droop | None:
     candidate = SlowCandidate(kind, effect, after, decision, silent)
     tried = SlowRound(rigid, (candidate,), candidate if decision.accepted else None)
     shown = predictions(dataset, near, problem, base.model, shared_bias(problem, base.x))
-    return Droop(tried, before, shown, _evidence(loss / stated, torque, law))
+    return BeforeOthers(tried, before, shown, _evidence(loss / stated, torque, law))
 
 
 def _torque(problem: Problem, model: ForceModel) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import BeforeOthers, SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.fit import Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
@@ -42,17 +42,6 @@ _SURELY = 10.0
 Array = NDArray[np.floating]
 
 
-@dataclass(frozen=True, eq=False)
-class Offset:
-    """An offset tried: its round, the base model's error and predictions where all trials have one zero of
-    the angle, and what speaks for it."""
-
-    round: SlowRound
-    base: HeldOut
-    before: tuple[Prediction, ...]
-    evidence: tuple[str, ...]
-
-
 def find_offset(
     dataset: Dataset,
     lines: Lines,
@@ -60,7 +49,7 @@ def find_offset(
     final: HeldOut,
     before: Sequence[Prediction],
     after: Sequence[Prediction],
-) -> Offset | None:
+) -> BeforeOthers | None:
     """A delay of the force beside all else that was found (call it in float64); None where the trials cannot
     tell one.
 
@@ -109,7 +98,7 @@ def find_offset(
     bare = np.where(sure, Phases(_against(measured, before), speed, teeth).away(0.0, sure), 0.0)
     base = error(found.base_fit, found.base, before, bare)
     turned = _shown(dataset, lines, found, found.base_fit, -bare)
-    return Offset(tried, base, turned, _evidence(without, rest, p))
+    return BeforeOthers(tried, base, turned, _evidence(without, rest, p))
 
 
 def _shown(

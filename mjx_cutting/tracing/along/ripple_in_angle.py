@@ -11,15 +11,15 @@ ripple, "after" that of what was found along the angle as measured.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple
-from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
+from mjx_cutting.tracing.along.slow_round import BeforeOthers, SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.fit import fit_base
-from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, on_other_lines
+from mjx_cutting.tracing.fitting.heldout import held_out, on_other_lines
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
 from mjx_cutting.tracing.naming.decision import Interval, decide, interval
@@ -34,20 +34,9 @@ _CLEARLY = 4.0
 Array = NDArray[np.floating]
 
 
-@dataclass(frozen=True, eq=False)
-class Ripple:
-    """A ripple tried: its round, the base model's error and predictions where the spindle turns evenly, and
-    what speaks for it."""
-
-    round: SlowRound
-    base: HeldOut
-    before: tuple[Prediction, ...]
-    evidence: tuple[str, ...]
-
-
 def find_ripple(
     dataset: Dataset, lines: Lines, found: Search, after: tuple[Prediction, ...]
-) -> Ripple | None:
+) -> BeforeOthers | None:
     """The ripple that the measured angles hold (call it in float64); None where they hold none of one order.
 
     Arguments: the trials and the search over their lines; predictions with what it found.
@@ -73,7 +62,7 @@ def find_ripple(
     effect = TorqueRipple(float(eps.mean()), float(order), float(np.angle(phases.mean())))
     silent = tuple(np.zeros((len(trial.time_s), 3)) for trial in trials)
     candidate = SlowCandidate(TorqueRipple, effect, found.final, decision, silent)
-    return Ripple(
+    return BeforeOthers(
         SlowRound(rigid, (candidate,), candidate if decision.accepted else None),
         held_out(problem, still, (), base.x, found.base.fold),
         predictions(evenly, still, problem, base.model, shared_bias(problem, base.x)),

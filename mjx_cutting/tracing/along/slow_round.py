@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.naming.decision import Decision
 from mjx_cutting.tracing.records.course import Course
 
@@ -46,6 +47,17 @@ class SlowRound:
     def runner_up(self) -> SlowCandidate | None:
         """The best candidate that was not accepted."""
         return next((each for each in self.candidates if each is not self.accepted), None)
+
+
+@dataclass(frozen=True, eq=False)
+class BeforeOthers:
+    """What was tried of how the records were read, and so comes before all else that was found in them: its
+    round, the base model's error and predictions where they are read without it, and what speaks for it."""
+
+    round: SlowRound
+    base: HeldOut
+    before: tuple[Prediction, ...]
+    evidence: tuple[str, ...]
 
 
 def less_force(trials: Sequence[Course], force_n: Sequence[Array]) -> list[Course]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.turns import filtered_turns, swing
+from mjx_cutting.tracing.records.turns import filtered_turns, real_columns, swing
 from mjx_cutting.trials.dataset import Dataset, Sensor, Trial
 
 _TOOTH_HARMONICS = 4
@@ -47,7 +47,6 @@ def _followed(trial: Trial, sensor: Sensor, teeth: int) -> Trial:
 
 def _left(force_n: Array, angle_rad: Array, orders: NDArray[np.int64], sensor: Sensor) -> float:
     """Energy of the force [T, 3] that no line of those orders along the angle [T] explains, N^2."""
-    power = filtered_turns(angle_rad, int(orders[-1]), sensor)[orders]
-    columns = np.concatenate([power.real, power[1:].imag]).T
+    columns = real_columns(filtered_turns(angle_rad, int(orders[-1]), sensor)[orders])
     weights, *_ = np.linalg.lstsq(columns, force_n, rcond=None)
     return float(np.sum((force_n - columns @ weights) ** 2))

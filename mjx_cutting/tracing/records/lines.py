@@ -26,7 +26,7 @@ from mjx_cutting.tracing.records.spindle import (
     spindle_speeds,
     stated_speed,
 )
-from mjx_cutting.tracing.records.turns import filtered_turns, reach, turns
+from mjx_cutting.tracing.records.turns import filtered_turns, reach, real_columns, turns
 from mjx_cutting.trials.dataset import Dataset, Sensor, Trial
 
 Array = NDArray[np.floating]
@@ -228,13 +228,7 @@ def heard_turns(lines: Lines, trial: int, angle_rad: Array) -> NDArray[np.comple
 
 def basis(angle_rad: Array, orders: int) -> Array:
     """[T, 2 orders + 1] columns 1, cos n th, sin n th for n = 1..orders, in that order of n."""
-    return _real_columns(turns(angle_rad, orders))
-
-
-def _real_columns(power: NDArray[np.complexfloating]) -> Array:
-    columns = np.empty((2 * len(power) - 1, power.shape[1]))
-    columns[0], columns[1::2], columns[2::2] = 1.0, power[1:].real, power[1:].imag
-    return columns.T
+    return real_columns(turns(angle_rad, orders))
 
 
 def order_of_columns(orders: int) -> NDArray[np.int64]:
@@ -281,7 +275,7 @@ def _one(
 ) -> tuple[Array, Array, Array, Array, Array, int]:
     rate_hz = sensor.sample_rate_hz
     record = band_limit(trial.force_n, rate_hz, band_hz)
-    columns = _real_columns(filtered_turns(spindle_angle(trial, speed), len(followed) - 1, sensor))
+    columns = real_columns(filtered_turns(spindle_angle(trial, speed), len(followed) - 1, sensor))
     order = order_of_columns(len(followed) - 1)
     folded = _folded(order * speed, rate_hz)
     beside = (_BESIDE + reach(trial)) * speed

@@ -42,6 +42,13 @@ def turns(angle_rad: Array, orders: int) -> NDArray[np.complexfloating]:
     return power
 
 
+def real_columns(power: NDArray[np.complexfloating]) -> Array:
+    """[T, 2 orders + 1] columns 1, cos n th, sin n th for n = 1..orders, of `turns` [orders + 1, T]."""
+    columns = np.empty((2 * len(power) - 1, power.shape[1]))
+    columns[0], columns[1::2], columns[2::2] = 1.0, power[1:].real, power[1:].imag
+    return columns.T
+
+
 def filtered_turns(angle_rad: Array, orders: int, sensor: Sensor) -> NDArray[np.complexfloating]:
     """[orders + 1, T] `turns` behind the known filter, each over the filter's response to it at even speed.
 
@@ -101,8 +108,7 @@ def swing(angle_rad: Array) -> Array:
     """[T] by how far an angle [T] is ahead of one that changes slowly in the same way every turn, rad."""
     at = np.linspace(-1.0, 1.0, len(angle_rad))
     slow = np.polynomial.legendre.legval(at, np.polynomial.legendre.legfit(at, angle_rad, _SLOW))
-    columns = turns(slow, _most_order(slow))[1:]
-    columns = np.concatenate([columns.real, columns.imag]).T
+    columns = real_columns(turns(slow, _most_order(slow)))[:, 1:]
     weights, *_ = np.linalg.lstsq(columns, angle_rad - slow, rcond=None)
     return np.asarray(columns @ weights)
 

@@ -53,7 +53,7 @@ def other_columns(dataset: Dataset, said: tuple[str, str, str] | None) -> str | 
     if said == dataset.axes:
         return None
     turned = "the largest as the main cutting force of a turning tool"
-    why = turned if dataset.tool.kind == "turning" else "so that they are those of teeth at all"
+    why = turned if dataset.tool.kind == "turning" else "as which the base model fits far better"
     return (
         f"the columns of force were read as {list(dataset.axes or ())}, {why}: say so in `axes` in "
         "dataset.json, or check how the sensor is mounted"
