@@ -54,8 +54,9 @@ from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
+from mjx_cutting.tracing.telling.ties import TIED
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
-from mjx_cutting.tracing.telling.verdict import TIED, only_scatter, testable, verdict
+from mjx_cutting.tracing.telling.verdict import only_scatter, testable, verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 from mjx_cutting.trials.dataset import Dataset
 

@@ -98,6 +98,7 @@ def test_slotting_lacks_runout(measured_data, tmp_path):
     runout = verdict["effects"][0]
     assert runout["parameters"]["offset_m"]["low"] < 1.16e-5 < runout["parameters"]["offset_m"]["high"]
     assert runout["runner_up"]["name"] == "unequal_pitch"
+    assert any("offset times the cosine of its angle" in each for each in runout["evidence"])
     looked_at = {each.kind.name for each in tracing.search.rounds[-1].screened}
     assert {"size_effect", "sensor_resonance", "unbalance", "robot_mode", "crosstalk"} <= looked_at
     assert verdict["verdict"] == "partly explained"

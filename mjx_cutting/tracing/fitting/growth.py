@@ -37,6 +37,9 @@ def growth_n2(problem: Problem, lines: Lines, fits: Fit, own: NDArray[np.int64])
     trials = [trial for trial in lines.dataset.trials if trial.kind == "cut"]
     change = np.zeros((len(trials), 3))
     for index, trial in enumerate(trials):
+        if not np.all(np.isfinite(places[index])):
+            # what cannot be computed all along the path explains nothing there
+            continue
         angle = spindle_angle(trial, float(lines.speed_rev_s[index])) + phase[index]
         left = band_limit(trial.force_n, rate_hz, lines.band_hz) - bias_n[index]
         still = left - wave(lines, index, angle, places[index].mean(axis=0), rate_hz)

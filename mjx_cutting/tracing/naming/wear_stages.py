@@ -24,6 +24,7 @@ from mjx_cutting.tracing.naming.place import Place
 _RUN_IN = (0.03, 0.1, 0.3)
 _LATE = (0.4, 0.6, 0.8)
 _LATEST = 0.95
+_LENGTHS = (np.log(1e-4), np.log(1e2))
 
 
 class WearInStages(FlankWear):
@@ -46,7 +47,9 @@ class WearInStages(FlankWear):
         steady, rest = FlankWear.build(coordinates[:3], tool), jnp.asarray(1.0)
         stages: dict[str, Array] = {}
         if cls.runs_in:
-            share, length = jax.nn.sigmoid(coordinates[3]), jnp.exp(coordinates[4])
+            share = jax.nn.sigmoid(coordinates[3])
+            # where nothing runs in, no measurement keeps a descent from a length of zero or without end
+            length = cls.longest_m * jnp.exp(jnp.clip(coordinates[4] - np.log(cls.longest_m), *_LENGTHS))
             land = share * RATE * cls.longest_m / -jnp.expm1(-cls.longest_m / length)
             stages |= {"initial_m": land, "run_in_m": length}
             rest = 1.0 - share

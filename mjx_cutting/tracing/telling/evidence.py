@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
+from mjx_cutting.cutting.effects.radial_runout import RadialRunout
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.records.lines import basis
 from mjx_cutting.trials.dataset import Dataset, Trial
@@ -47,6 +48,10 @@ def evidence(
         sentences.append(
             f"its angle is counted from a tooth that nothing marks: known up to whole teeth, "
             f"{360 / teeth:.3g} degrees"
+        )
+    if teeth == 2 and kind is RadialRunout:
+        sentences.append(
+            "two teeth show only the offset times the cosine of its angle to them, which is the offset told"
         )
     if "onset_m" in kind.held:
         sentences.append(_sets_in(dataset, kind.held["onset_m"][1]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,8 @@ from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.fitting.problem import Problem, shared_bias
-from mjx_cutting.tracing.naming.bends import follows_any
-from mjx_cutting.tracing.naming.candidate import Candidate, Round
-from mjx_cutting.tracing.naming.decision import Interval, surely
+from mjx_cutting.tracing.naming.candidate import Round
+from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.course import feeds_differ
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -25,21 +23,16 @@ from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import measured_speed
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.own_factor import SCATTER
-from mjx_cutting.tracing.telling.separation import separations
+from mjx_cutting.tracing.telling.ties import tie
 from mjx_cutting.tracing.telling.unseen import BESIDE_LINES, needs
 from mjx_cutting.trials.dataset import Dataset
 
 FORMAT = "mjx-cutting-verdict/1"
 AT_FLOOR = 1.1
-TIED = 2.0
-_THE_SAME = 0.6
-_TELLING = 5.0
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
 _MUCH = 0.01
-_SMALL_PART = 0.25
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
-_WIDER = "trials over a wider range of speed and feed"
 
 
 def verdict(
@@ -69,7 +62,7 @@ def verdict(
     kinds = [each.accepted.kind for each in accepted if each.accepted is not None]
     # a second of one kind asks for no other cause than that which is there already
     firsts = (each for place, each in enumerate(accepted) if kinds[place] not in kinds[:place])
-    ties = (_tie(each, kinds, dataset, lines, found, floor) for each in firsts)
+    ties = (tie(each, kinds, dataset, lines, found, floor) for each in firsts)
     ambiguous = [pair for pair in ties if pair is not None]
     named: list[dict[str, Any]] = []
     for each, own in zip(accepted, found.intervals, strict=True):
@@ -283,74 +276,6 @@ def _parameter(found: Interval) -> dict[str, Any]:
         value, half = np.asarray(found.values), np.asarray(found.half)
         told |= {"values": value, "lows": value - half, "highs": value + half}
     return {**{name: _plain(each) for name, each in told.items()}, "unit": found.unit}
-
-
-def _tie(
-    each: Round,
-    named: Container[type[AbstractEffect]],
-    dataset: Dataset,
-    lines: Lines,
-    found: Search,
-    floor: float,
-) -> dict[str, Any] | None:
-    """The accepted effect and another that explains as much; beside all that was found later too, where they
-    were tried so: what else was missing made two look alike that are not."""
-    tied = _tied(each, named, dataset, lines, found, floor)
-    if tied is None or each.again is None:
-        return tied
-    return _tied(each.again, named, dataset, lines, found, floor)
-
-
-def _tied(
-    each: Round,
-    named: Container[type[AbstractEffect]],
-    dataset: Dataset,
-    lines: Lines,
-    found: Search,
-    floor: float,
-) -> dict[str, Any] | None:
-    """The accepted effect and another, not `named` itself, that explains the same part of the force not worse
-    beyond two standard errors and passed every test, or all but that which would tell the two apart. Or one
-    that passed every test and is worse by a small part of what neither explains beyond the noise, `floor` of
-    the force: whatever that is may favour either, and be what a guard refused the other for."""
-    assert each.accepted is not None
-    best = each.accepted.heldout
-    unexplained = float(best.error_n2.sum() - floor**2 * best.energy_n2.sum())
-    for other in each.candidates:
-        told = other.decision
-        if other.kind in named or not (told.accepted or told.untold or told.guarded):
-            continue
-        if follows_any(dataset.tool.kind, each.accepted, other):
-            continue
-        second, first = (each.error_n2.sum(axis=1) for each in (other.heldout, best))
-        gap = second - first
-        close = max(surely(gap), surely(gap / np.maximum(second + first, 1e-300))) <= TIED
-        if (close and not told.guarded) or float(gap.sum()) < _SMALL_PART * unexplained:
-            first = np.ravel(best.error_n2 - each.before.error_n2)
-            second = np.ravel(other.heldout.error_n2 - each.before.error_n2)
-            cosine = float(first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-300))
-            if cosine < _THE_SAME:
-                continue
-            return {
-                "names": [each.accepted.kind.name, other.kind.name],
-                "cosine": cosine,
-                "separating_trial": _settles(each.accepted, other, dataset, lines, found.problem),
-            }
-    return None
-
-
-def _settles(first: Candidate, second: Candidate, dataset: Dataset, lines: Lines, problem: Problem) -> str:
-    """The cheapest further trial that tells two candidates apart, in words, with what it would bring."""
-    known = first.kind.confused_with.get(second.kind.name) or second.kind.confused_with.get(first.kind.name)
-    if dataset.tool.kind in LEVEL_KINDS:
-        return known or _WIDER
-    models = first.fit.model, second.fit.model
-    bias = shared_bias(problem, first.fit.x), shared_bias(problem, second.fit.x)
-    best = separations(dataset, lines, problem, *models, bias)[0]
-    if best.sigma < _TELLING:
-        return f"{known or _WIDER}; no repeat of a trial at another feed, depth or speed would do it"
-    also = f"; {known}" if known else ""
-    return f"{best.trial}: the two predictions of it lie {best.sigma:.0f} standard deviations apart{also}"
 
 
 def _remaining(base: HeldOut, end: HeldOut, left: list[Dependence], own: Dependence | None) -> dict[str, Any]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from mjx_cutting.cutting import Tool
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.naming.wear_stages import _kind
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SAMPLES, NOISE_N = 200.0, 400, 0.5
@@ -41,6 +44,16 @@ def _turned(land_m, seed: int = 0, shorter: float = 1.0, lengths_m=LENGTHS_M) ->
         )
     tool, sensor = ToolInfo("turning", 1, 0.05), Sensor(RATE_HZ, (NOISE_N,) * 3, zeroed="session")
     return Dataset(name="turned", tool=tool, sensor=sensor, trials=tuple(trials))
+
+
+@pytest.mark.parametrize("far", [-9000.0, 9000.0])
+def test_stages_that_nothing_shows_are_finite_from_the_first_cut_on(far):
+    """Nothing holds the length of a run-in that makes no land: a descent went to a length of zero."""
+    kind = _kind(longest_m=20.0, runs_in=True, late=True)
+    tool = Tool("slitting_saw", 20, 0.05)
+    wear = kind.build(jnp.array([0.3, 0.5, 0.3, -abs(far), far, -abs(far), far]), tool)
+    land_m = np.asarray(wear.land_m(np.array([0.0, 1e-9, 20.0])))
+    assert np.all(np.isfinite(land_m)) and np.all(np.diff(land_m) > 0.0)
 
 
 def test_a_run_in_is_found_with_its_length():

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from mjx_cutting.cutting.effects import ClampMode, FlankWear, Ploughing, RobotMode, SizeEffect
-from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.telling import verdict as told
 from mjx_cutting.tracing.telling.dependence import Dependence
 
@@ -64,77 +61,3 @@ def test_scatter_alone_is_told_from_what_an_effect_may_explain(error, p_value, o
     lines = Dependence("spindle order", 1e-9, 0.1, 0.005, "runout")
     assert told.only_scatter(_base(0.03), [own], floor=0.008) is only
     assert told.only_scatter(_base(0.03), [own, lines], floor=0.008) is False
-
-
-def _heldout(*by_trial: tuple[float, float, float]) -> HeldOut:
-    return HeldOut(np.array(by_trial), np.full((len(by_trial), 3), 10.0), None, np.arange(len(by_trial)))
-
-
-def _candidate(kind, heldout: HeldOut, guarded: bool = False, unknowns: int = 9) -> SimpleNamespace:
-    decision = SimpleNamespace(accepted=not guarded, untold=False, guarded=guarded)
-    return SimpleNamespace(kind=kind, heldout=heldout, decision=decision, told=unknowns)
-
-
-def _of_a(tool: str) -> SimpleNamespace:
-    return SimpleNamespace(tool=SimpleNamespace(kind=tool))
-
-
-@pytest.mark.parametrize(
-    ("tool", "other", "unknowns", "tied"),
-    [
-        ("turning", Ploughing, 11, False),
-        ("turning", Ploughing, 10, True),
-        ("end_mill", Ploughing, 11, True),
-        ("turning", FlankWear, 11, True),
-    ],
-    ids=["more for the same bend", "as many", "a cutter shows more than a bend", "wear is no bend"],
-)
-def test_a_law_of_more_unknowns_is_no_second_explanation_of_levels(tool, other, unknowns, tied, monkeypatch):
-    monkeypatch.setattr(told, "_settles", lambda *_: "five feeds")
-    after, before = _heldout(*[(0.1, 0.1, 0.1)] * 4), _heldout(*[(1.0, 1.0, 1.0)] * 4)
-    best, rival = _candidate(SizeEffect, after, unknowns=10), _candidate(other, after, unknowns=unknowns)
-    each = SimpleNamespace(accepted=best, candidates=(best, rival), before=before, again=None)
-    found = told._tie(each, [SizeEffect], _of_a(tool), None, SimpleNamespace(problem=None), floor=0.0)
-    assert (found is not None) is tied
-
-
-@pytest.mark.parametrize(
-    ("rival", "tied"),
-    [([(0.1, 1.0, 1.0)] * 4, True), ([(1.0, 0.1, 1.0)] * 4, False)],
-    ids=["the same part of the force", "another axis of it"],
-)
-def test_a_tie_is_with_what_explains_the_same(rival, tied, monkeypatch):
-    monkeypatch.setattr(told, "_settles", lambda *_: "another pose")
-    best = _candidate(RobotMode, _heldout(*[(0.1, 1.0, 1.0)] * 4))
-    other = _candidate(ClampMode, _heldout(*rival))
-    before = _heldout(*[(1.0, 1.0, 1.0)] * 4)
-    each = SimpleNamespace(accepted=best, candidates=(best, other), before=before, again=None)
-    found = told._tie(each, [RobotMode], _of_a("end_mill"), None, SimpleNamespace(problem=None), floor=0.0)
-    assert (found is not None) is tied
-    if tied:
-        assert found["names"] == ["robot_mode", "clamp_mode"]
-        assert found["cosine"] == pytest.approx(1.0)
-        # beside what was found later the other explains nothing of it
-        later = SimpleNamespace(**vars(each) | {"candidates": (best, _candidate(ClampMode, before))})
-        each.again = later
-        assert (
-            told._tie(each, [RobotMode], _of_a("end_mill"), None, SimpleNamespace(problem=None), floor=0.0)
-            is None
-        )
-
-
-@pytest.mark.parametrize(
-    ("left", "rival", "tied"),
-    [((0.4, 0.4, 0.4), 0.45, True), ((0.4, 0.4, 0.4), 0.7, False), ((0.02, 0.02, 0.02), 0.05, False)],
-    ids=["hardly worse beside what is left", "worse", "next to nothing is left"],
-)
-def test_where_much_is_left_one_that_a_guard_refused_may_be_as_good(left, rival, tied, monkeypatch):
-    """The gap is the same in every trial, beyond any standard error: what neither explains may make it."""
-    monkeypatch.setattr(told, "_settles", lambda *_: "another feed")
-    best = _candidate(RobotMode, _heldout(*[left] * 4))
-    other = _candidate(ClampMode, _heldout(*[(rival,) * 3] * 4), guarded=True)
-    each = SimpleNamespace(
-        accepted=best, candidates=(best, other), before=_heldout(*[(2.0, 2.0, 2.0)] * 4), again=None
-    )
-    found = told._tie(each, [RobotMode], _of_a("end_mill"), None, SimpleNamespace(problem=None), floor=0.03)
-    assert (found is not None) is tied
