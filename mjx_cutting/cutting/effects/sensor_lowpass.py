@@ -94,5 +94,14 @@ class SensorLowpass(AbstractEffect):
         return np.asarray([[np.log(hz / TYPICAL_HZ), 0.5 * n] for hz in corners for n in (1, 2, 3, 4)])
 
     @classmethod
+    def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:
+        """The other orders, none of which a descent changes to. Of a lower one, which loses more before its
+        cutoff, that lies lower too, of a higher one higher."""
+        order = np.clip(np.round(2.0 * coordinates[1]), 1, 4)
+        others = ((n, 2.0 ** (share * np.sign(n - order))) for n in (1, 2, 3, 4) for share in (0, 1))
+        ways = [[coordinates[0] + np.log(factor), 0.5 * n] for n, factor in others if n != order]
+        return np.asarray(ways)
+
+    @classmethod
     def identity(cls, tool: Tool) -> SensorLowpass:
         return cls(BEYOND_HZ, 2.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import signal
@@ -73,6 +74,17 @@ def test_lowpass_is_a_butterworth(order: int):
     for speed in (20.0, 40.0):
         assert gain(lowpass, speed)[int(80 / speed)] == pytest.approx(np.sqrt(0.5), rel=1e-6)
         assert gain(lowpass, speed)[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_a_lowpass_is_tried_again_with_every_other_order(order: int):
+    kind, tool = effect_class("sensor_lowpass"), model().tool
+    again = kind.again(np.array([np.log(2.0), 0.5 * order]), tool)
+    filters = [kind.build(jnp.asarray(each), tool) for each in again]
+    assert sorted({float(each.order) for each in filters}) == [n for n in (1, 2, 3, 4) if n != order]
+    for each in filters:
+        cutoff = float(each.cutoff_hz)
+        assert cutoff == pytest.approx(200.0) or (cutoff < 200.0) == (float(each.order) < order)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])

@@ -7,6 +7,8 @@ import pytest
 from benchmarks.study import make
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.guards.smeared import _beside_n2
+from mjx_cutting.tracing.records.lines import compress
 
 DAMPING = ("helix_lag", "sensor_lowpass")
 
@@ -26,6 +28,14 @@ def test_a_filter_that_takes_energy_is_named():
     assert [each["name"] for each in trace(case.dataset, effects=DAMPING).verdict["effects"]] == [
         "sensor_lowpass"
     ]
+
+
+@pytest.mark.parametrize(("hidden", "share"), [({}, 0.0), ({"speed_wander": "strong"}, 0.8)])
+def test_white_noise_beside_the_lines_was_taken_from_none(hidden, share):
+    """Where little is lost, noise between the lines is more than that."""
+    lines = compress(make("mill", hidden, 401).dataset, (0.0, 400.0))
+    beside = _beside_n2(lines).sum() / lines.rest_n2.sum()
+    assert share <= beside < share + 0.2
 
 
 def test_both_say_that_they_damp():
