@@ -99,7 +99,7 @@ def left_on_circles(tool: Tool, milling: str, depth: float, chip_m: float) -> fl
     """Share of the force of one tooth over its arc that fitted constants on circles leave."""
     edge = EDGE_SHARE * CHIP_N_M2 * chip_m
     true = Material(CHIP_N_M2, edge, RADIAL_SHARE * CHIP_N_M2, RADIAL_SHARE * edge, 0.0, 0.0)
-    force = in_arc(ForceModel(tool, true, (ToothPath(1.0),)), milling, depth, chip_m)
+    force = in_arc(ForceModel(tool, true, (ToothPath(1.0, cusps=0.0),)), milling, depth, chip_m)
     unit = [Material(*one) for one in np.eye(6)[:4]]
     columns = np.stack([in_arc(ForceModel(tool, each), milling, depth, chip_m) for each in unit], axis=1)
     columns /= np.linalg.norm(columns, axis=0)

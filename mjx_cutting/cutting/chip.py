@@ -10,7 +10,7 @@ tooth whose bracket is negative does not touch the sheet, so it rubs nothing eit
 with small chips would remove more than is fed.
 
 On their true path teeth meet a surface that is curved, and left a little earlier or later than a circle would
-have it: `fed`.
+have it: `fed`; and on the side of the cut the cusps that teeth leave there: `swept`.
 
 Where the tool's centre moves within a turn, by u(angle of the tool) alike in every turn, a tooth reaches
 u . (sin th, cos th) further, and r_j is a function of th.
@@ -24,6 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting.cut import Cut
@@ -33,6 +34,7 @@ from mjx_cutting.cutting.tool import Tool
 _CONTACT_SHARE = 0.02
 _CONTACT_M = 1e-12
 _NO_ARC_RAD = 1e-12
+_AT_SIDE_RAD = 1e-6
 
 
 class Cutter(NamedTuple):
@@ -48,6 +50,7 @@ class Cutter(NamedTuple):
             u = Re(2 sum over n of path_n exp(i n angle)); None where it goes straight.
         curvature_1_m: [] curvature 1 / R of the surfaces that teeth leave, 1/m; None where they are taken as
             circles one beside the other.
+        cusps: [] 1 where the edges meet the cusps on the side of the cut too, else 0; read with a curvature.
     """
 
     lag_rad: Array
@@ -57,6 +60,7 @@ class Cutter(NamedTuple):
     even: bool
     path: Array | None = None
     curvature_1_m: Array | None = None
+    cusps: ArrayLike = 0.0
 
     def gap_rad(self) -> Array:
         """[N] angle between each tooth and the one before it, rad."""
@@ -90,46 +94,71 @@ def chip_under(cutter: Cutter, cut: Cut, tool: Tool) -> Chip:
     behind, width_m, height_lag = edge_lags(cutter, cut, tool)
     angle = jnp.asarray(cut.angle_rad)[..., None, None] - behind
     gate = jnp.maximum(jnp.asarray(cut.gate_rad)[..., None, None], jnp.abs(height_lag) / cutter.slices)
-    contact = inside(
-        angle, jnp.asarray(cut.entry_rad)[..., None, None], jnp.asarray(cut.exit_rad)[..., None, None], gate
-    )
-    bare, feed_m = _bare(cutter, cut, tool, angle, behind)
+    entry, leave = (each[..., None, None] for each in swept(cutter, cut, tool))
+    contact = inside(angle, entry, leave, gate)
+    bare, advance_m = _bare(cutter, cut, tool, angle, behind)
     if not cutter.even:
-        contact = contact * _begun(bare, _CONTACT_SHARE * feed_m)
+        # towards the ends of the arc the chips of all teeth go to nothing, which is no tooth that runs idle
+        ramp = jnp.maximum(gate * jnp.abs(jnp.cos(angle)), _CONTACT_SHARE * jnp.abs(jnp.sin(angle)))
+        contact = jnp.minimum(contact, _begun(bare, 0.5, ramp * advance_m))
     return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
+
+
+def swept(cutter: Cutter, cut: Cut, tool: Tool) -> tuple[Array, Array]:
+    """[...] entry and exit angle of the teeth, rad.
+
+    Where the arc ends on the side of the cut, across the feed, teeth on their true path meet the cusps left
+    there: as far as `fed` is above zero, sin th > -d / 2 R, d the advance since the surface was left, at most
+    that of a whole turn.
+    """
+    entry, leave = jnp.asarray(cut.entry_rad), jnp.asarray(cut.exit_rad)
+    if cutter.curvature_1_m is None:
+        return entry, leave
+    advance_m = jnp.asarray(cut.feed_per_revolution_m()) / (tool.teeth if cutter.even else 1)
+    beyond = 0.5 * jnp.asarray(cutter.cusps) * cutter.curvature_1_m * advance_m
+    at_entry, at_exit = entry < _AT_SIDE_RAD, leave > jnp.pi - _AT_SIDE_RAD
+    return jnp.where(at_entry, entry - beyond, entry), jnp.where(at_exit, leave + beyond, leave)
 
 
 def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array, cell_rad: Array) -> Chip:
     """The same, [K, S, N], with every edge element at its own angles `own_rad` [K], all inside the arc; each
-    stands for `cell_rad` [K] of it."""
+    stands for what lies `cell_rad` [K, 2] before and after it."""
     behind, width_m, _ = edge_lags(cutter, cut, tool)
     angle = jnp.asarray(own_rad)[..., None, None] + jnp.zeros_like(behind)
     bare, _ = _bare(cutter, cut, tool, angle, behind)
-    cell = jnp.asarray(cell_rad)[..., None, None]
-    contact = jnp.ones_like(angle) if cutter.even else _begun(bare, cell * _steepness(bare, angle))
+    contact = jnp.ones_like(angle)
+    if not cutter.even:
+        before, after = jnp.moveaxis(jnp.asarray(cell_rad), -1, 0)[..., None, None]
+        whole, slope = jnp.maximum(before + after, _NO_ARC_RAD), _slope(bare, angle)
+        contact = _begun(bare, jnp.where(slope > 0.0, after, before) / whole, whole * jnp.abs(slope))
     return Chip(angle, jnp.maximum(bare, 0.0), contact, width_m)
 
 
 def _bare(cutter: Cutter, cut: Cut, tool: Tool, angle: Array, behind: Array) -> tuple[Array, Array]:
-    """[..., S, N] chip thickness, negative where a tooth does not reach the sheet, m; feed per tooth, m."""
+    """[..., S, N] chip thickness, negative where a tooth does not reach the sheet, m; and how far the tool has
+    advanced since the surface that the tooth meets was left, m."""
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
-    each_m = feed_m / tool.teeth
     if cutter.even:
+        each_m = feed_m / tool.teeth
         return fed(cutter, each_m, feed_m, angle), each_m
-    return carried_over(cutter, feed_m, angle, _reach(cutter, angle, behind)), each_m
+    passes = cutter.lag_rad.shape[0]
+    of_each = left_standing(cutter, feed_m, angle, _reach(cutter, angle, behind), passes)
+    first = jnp.argmin(of_each, axis=-1)[..., None] == jnp.arange(passes)
+    apart = jnp.sum(jnp.where(first, earlier_passes(cutter, passes)[1], 0.0), axis=-1)
+    return least(of_each), feed_m * (apart / (2.0 * np.pi))
 
 
-def _begun(bare_m: Array, ramp_m: Array) -> Array:
+def _begun(bare_m: Array, share: ArrayLike, ramp_m: Array) -> Array:
     """Share of contact of an element of unclipped chip thickness `bare_m`, which changes by `ramp_m` over
-    what the element stands for."""
-    return jnp.clip(0.5 + bare_m / (ramp_m + _CONTACT_M), 0.0, 1.0)
+    what the element stands for, a `share` of that on the side where the chip is thicker."""
+    return jnp.clip(share + (bare_m + _CONTACT_M) / (ramp_m + _CONTACT_M), 0.0, 1.0)
 
 
-def _steepness(bare: Array, angle: Array) -> Array:
-    """[K, S, N] how fast the chip changes with the angle along the arc, m."""
+def _slope(bare: Array, angle: Array) -> Array:
+    """[K, S, N] how the chip changes with the angle along the arc, m/rad."""
     rise = jnp.concatenate([bare[:1], bare, bare[-1:]])
     run = jnp.concatenate([angle[:1], angle, angle[-1:]])
-    return jnp.abs(rise[2:] - rise[:-2]) / jnp.maximum(run[2:] - run[:-2], _NO_ARC_RAD)
+    return (rise[2:] - rise[:-2]) / jnp.maximum(run[2:] - run[:-2], _NO_ARC_RAD)
 
 
 def touching(bare_m: Array, feed_per_tooth_m: Array) -> Array:

@@ -23,7 +23,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.chip import Chip, Cutter, chip_in_arc, edge_lags, nominal_cutter
+from mjx_cutting.cutting.chip import Chip, Cutter, chip_in_arc, edge_lags, nominal_cutter, swept
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.drilling import elements_to_process, engaged_chip, lever_m, to_process
 from mjx_cutting.cutting.effects.abstract import STAGES, AbstractEffect, EdgeForce
@@ -88,11 +88,13 @@ class ForceModel(eqx.Module):
             have had by then, rad, and the rate of that angle against its own.
         """
         cut = self._engaged(cut)
-        entry = jnp.asarray(cut.entry_rad)
-        arc_rad = jnp.asarray(cut.exit_rad) - entry
-        own = entry + arc_rad * share
         cutter = self.cutter()
-        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own, arc_rad * cell), cut)
+        entry, leave = swept(cutter, cut, self.tool)
+        arc_rad = leave - entry
+        own = entry + arc_rad * share
+        beyond = jnp.cumsum(cell) - share
+        cells = arc_rad * jnp.stack([cell - beyond, beyond], axis=-1)
+        chip = self._affected(chip_in_arc(cutter, cut, self.tool, own, cells), cut)
         local = self.edge_force(chip, cut)
         lag = edge_lags(cutter, cut, self.tool)[0]
         force = elements_to_process(local.chip + local.edge, chip, self.tool)

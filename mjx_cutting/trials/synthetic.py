@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _ANGLES = 7200
 _TURNS = 4
 _ITERATIONS = 12
+_CUSPS_RAD = 0.3
 _HELIX_SLICES = 24
 _OVERSAMPLED_HZ = 100_000.0
 _SETTLE_S = 0.2
@@ -51,7 +52,8 @@ class Hidden:
     """Effects put into the trials; all absent by default.
 
     runout_m and runout_angle_rad; pitch_error_rad, one a tooth; size_exponent (Kienzle, about 50 um);
-    resonance_hz and resonance_damping of the sensor; true_path: teeth on trochoids, not on circles.
+    resonance_hz and resonance_damping of the sensor; true_path: teeth on trochoids, not on circles; cusps: as
+    well as the cusps that these leave on the side of the cut, which the edges meet beyond the nominal arc.
     """
 
     runout_m: float = 0.0
@@ -61,6 +63,7 @@ class Hidden:
     resonance_hz: float = 0.0
     resonance_damping: float = 0.05
     true_path: bool = False
+    cusps: bool = False
 
 
 def make_trials(
@@ -135,7 +138,9 @@ def one_turn(tool: ToolInfo, sheet: Sheet, cut: Conditions, hidden: Hidden) -> A
     )
     entry = np.pi - exit_ if cut.milling == "climb" else 0.0
     last = np.pi if cut.milling == "climb" else exit_
-    inside = (angle >= entry) & (angle <= last)
+    beside = _CUSPS_RAD if hidden.cusps else 0.0
+    inside = (angle >= entry) & (angle <= last + beside * (last == np.pi))
+    inside |= (angle - 2.0 * np.pi >= entry - beside) & (entry == 0.0)
     advance_m_rad = cut.feed_speed_m_s / (2.0 * np.pi * cut.spindle_speed_rev_s)
     if hidden.true_path:
         chips = _on_true_path(angle, lag, radius + reach, advance_m_rad)
@@ -189,7 +194,8 @@ def _on_true_path(angle: Array, lag: Array, radius: Array, advance_m_rad: float)
             for _ in range(_ITERATIONS):
                 along = np.sqrt(radius[earlier] ** 2 - (advance * cosine) ** 2) - advance * sine
                 then = np.arctan2(along * sine + advance, along * cosine)
-                advance = (apart + angle - then) * advance_m_rad
+                turned = np.mod(angle - then + np.pi, 2.0 * np.pi) - np.pi
+                advance = (apart + turned) * advance_m_rad
             chips[tooth] = np.minimum(chips[tooth], radius[tooth] - along)
     return chips
 

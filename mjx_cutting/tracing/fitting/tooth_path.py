@@ -4,17 +4,19 @@ The base model has teeth go on circles. What the true path makes of the force, a
 order of the feed per tooth over the radius: 0.2 to 0.5 of that for end mills, and less than (1 + teeth / 40)
 of it for saws (`benchmarks/tooth_path.py`). Where that is more than the model may be off by anyway, an effect
 would be named for it. So the share of the true path is fitted beside what was found: geometry has no strength
-of its own, so where the trials say one rather than nil, they have the true path.
+of its own, so where the trials say one rather than nil, they have the true path. It is asked about with the
+cusps that teeth leave on the side of the cut and, for forces calculated in the nominal arc, without.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.tooth_path import ToothPath
@@ -32,22 +34,44 @@ _MOST = 1.5
 class TrueToothPath(ToothPath):
     """The true path as part of every model: nothing is looked for."""
 
+    meets_cusps: ClassVar[float] = 1.0
+
     @classmethod
     def size(cls, tool: Tool) -> int:
         return 0
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> ToothPath:
-        return ToothPath(jnp.asarray(1.0))
+        return ToothPath(jnp.asarray(1.0), jnp.asarray(cls.meets_cusps))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
         return np.zeros((1, 0))
 
 
+class TruePathInArc(TrueToothPath):
+    """The same for edges that act in the nominal arc alone."""
+
+    meets_cusps = 0.0
+
+
+class _Asked(ToothPath):
+    """The share of one of them."""
+
+    of: ClassVar[type[TrueToothPath]] = TrueToothPath
+
+    @classmethod
+    def build(cls, coordinates: Array, tool: Tool) -> ToothPath:
+        return ToothPath(jnp.sum(coordinates), jnp.asarray(cls.of.meets_cusps))
+
+
+class _AskedInArc(_Asked):
+    of = TruePathInArc
+
+
 def on_true_path(problem: Problem) -> bool:
     """Whether the models of the problem have their teeth go on the true path."""
-    return TrueToothPath in problem.given
+    return any(issubclass(each, TrueToothPath) for each in problem.given)
 
 
 def on_other_path(problem: Problem, effects: Effects, x: ArrayLike) -> Problem | None:
@@ -58,19 +82,26 @@ def on_other_path(problem: Problem, effects: Effects, x: ArrayLike) -> Problem |
     """
     if not _shows(problem):
         return None
-    others = tuple(each for each in problem.given if each is not TrueToothPath)
+    others = tuple(each for each in problem.given if not issubclass(each, TrueToothPath))
     circles = dataclasses.replace(problem, given=others)
-    both = Descent(circles, (*effects, ToothPath))
-    best, _ = both.descend(np.append(np.asarray(x), 0.5), _STEPS)
+    asked = {each.of: _squares(circles, (*effects, each), np.asarray(x)) for each in (_Asked, _AskedInArc)}
+    path = min(asked, key=lambda each: asked[each])
+    given = (*others, path) if np.isfinite(asked[path]) else others
+    return None if set(given) == set(problem.given) else dataclasses.replace(circles, given=given)
+
+
+def _squares(circles: Problem, effects: Effects, x: NDArray[np.floating]) -> float:
+    """Squared error on the path of which the last of `effects` is the share; without end where the trials do
+    not have that rather than `circles`."""
+    both = Descent(circles, effects)
+    best, squares = both.descend(np.append(x, 0.5), _STEPS)
     share = float(best[-1])
     slope = both.around(best)[1]
     rest, own = slope[:, :-1], slope[:, -1]
     told = float(np.sum((own - rest @ np.linalg.lstsq(rest, own, rcond=None)[0]) ** 2))
     # by how much the squared error on circles is above that on the true path, from the parabola between
     has_it = (2.0 * share - 1.0) * told > _CLEARLY and share < _MOST
-    if has_it == on_true_path(problem):
-        return None
-    return dataclasses.replace(circles, given=(*others, TrueToothPath)) if has_it else circles
+    return squares if has_it else np.inf
 
 
 def _shows(problem: Problem) -> bool:

@@ -244,3 +244,25 @@ def test_lines_at_the_first_touch_have_a_slope():
     for start_m in (0.01, 0.0099, 0.02):
         assert np.isfinite(jax.grad(size)(start_m))
     assert jax.grad(size)(0.0099) < 0.0
+
+
+@pytest.mark.parametrize("milling", ["slot", "conventional", "climb"])
+def test_uneven_teeth_cut_to_the_ends_of_the_arc(milling: str):
+    """Where the chips of all teeth go to nothing, none runs idle: a hair of unequal pitch changes nothing."""
+    uneven = effect_class("unequal_pitch")(1e-9 * jnp.array([1.0, -1.0, 0.0]))
+    tool, material = Tool("end_mill", 3, 0.012), Material.from_n_mm(40, 10, 15, 8, 3, 1)
+    cut = Cut.milling(
+        milling,
+        tool.diameter_m,
+        angle_rad=0.0,
+        spindle_speed_rev_s=100.0,
+        feed_speed_m_s=0.015,
+        radial_depth_m=0.001,
+        axial_width_m=0.005,
+    )
+    turn = cut.replace(angle_rad=2.0 * np.pi * np.arange(3600) / 3600)
+    even, other = (ForceModel(tool, material, each) for each in ((), (uneven,)))
+    lines = [np.asarray(order_lines(each, cut, 20, 240)) for each in (even, other)]
+    waves = [np.asarray(ForceModel.process_force(each, turn)) for each in (even, other)]
+    assert np.abs(lines[1] - lines[0]).max() < 1e-6 * np.abs(lines[0]).max()
+    assert np.abs(waves[1].mean(axis=0) - waves[0].mean(axis=0)).max() < 3e-4 * np.abs(lines[0]).max()

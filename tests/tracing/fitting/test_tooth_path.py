@@ -14,7 +14,7 @@ from mjx_cutting.cutting.effects.radial_runout import RadialRunout
 from mjx_cutting.cutting.effects.tooth_path import ToothPath
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
-from mjx_cutting.tracing.fitting.tooth_path import on_other_path, on_true_path
+from mjx_cutting.tracing.fitting.tooth_path import TruePathInArc, TrueToothPath, on_other_path, on_true_path
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials, one_turn
 
@@ -41,11 +41,13 @@ def trials(hidden: Hidden, tool: ToolInfo = TOOL):
 
 @pytest.mark.parametrize("milling", ["slot", "conventional", "climb"])
 @pytest.mark.parametrize("runout_m", [0.0, 3e-5])
-def test_the_closed_form_is_the_path_found_by_iteration(milling: str, runout_m: float):
+@pytest.mark.parametrize("cusps", [False, True])
+def test_the_closed_form_is_the_path_found_by_iteration(milling: str, runout_m: float, cusps: bool):
     """To 1e-3 of the largest line at a feed per tooth of 4 % of the radius, where circles are off by five
     times that and more."""
     cut = Conditions(40.0, 40.0 * 3 * 2e-4, 0.006, 0.002, milling)
-    exact = np.fft.rfft(one_turn(TOOL, SHEET, cut, Hidden(runout_m=runout_m, true_path=True)), axis=0)[:31]
+    hidden = Hidden(runout_m=runout_m, true_path=True, cusps=cusps)
+    exact = np.fft.rfft(one_turn(TOOL, SHEET, cut, hidden), axis=0)[:31]
     exact = np.abs(exact) / 7200
     tool = Tool("end_mill", 3, TOOL.diameter_m)
     material = Material(*np.stack([SHEET.chip_n_m2, SHEET.edge_n_m], axis=1).ravel())
@@ -63,18 +65,19 @@ def test_the_closed_form_is_the_path_found_by_iteration(milling: str, runout_m: 
         model = ForceModel(tool, material, (RadialRunout(runout_m, 0.0), *effects))
         return float(np.max(np.abs(np.abs(order_lines(model, here, 30, 720)) - exact)) / exact.max())
 
-    assert off(ToothPath(1.0)) < 1e-3
+    assert off(ToothPath(1.0, float(cusps))) < 1e-3
+    assert off(ToothPath(1.0, float(not cusps))) > 1.5e-3
     assert off() > 5e-3
 
 
-@pytest.mark.parametrize("true_path", [False, True])
-def test_the_trials_say_on_which_path_the_teeth_go(posed, true_path: bool):
-    _, problem = posed(trials(Hidden(true_path=true_path)))
+@pytest.mark.parametrize(("true_path", "cusps"), [(False, False), (True, False), (True, True)])
+def test_the_trials_say_on_which_path_the_teeth_go(posed, true_path: bool, cusps: bool):
+    _, problem = posed(trials(Hidden(true_path=true_path, cusps=cusps)))
     problem, base = fit_base(problem)
     other = on_other_path(problem, (), base.x)
     assert (other is not None) is true_path
     if other is not None:
-        assert on_true_path(other)
+        assert on_true_path(other) and other.given == (TrueToothPath if cusps else TruePathInArc,)
         problem, moved = fit_base(other)
         assert float(moved.error_n2.sum()) < 0.5 * float(base.error_n2.sum())
         assert on_other_path(problem, (), moved.x) is None
@@ -98,9 +101,9 @@ def test_a_feed_that_is_small_against_the_radius_is_not_asked_about(posed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("runout_m", [0.0, 1.5e-5])
-def test_a_large_feed_is_no_missing_effect(runout_m: float):
-    found = trace(trials(Hidden(runout_m=runout_m, runout_angle_rad=0.4, true_path=True)))
+@pytest.mark.parametrize(("runout_m", "cusps"), [(0.0, False), (0.0, True), (1.5e-5, True)])
+def test_a_large_feed_is_no_missing_effect(runout_m: float, cusps: bool):
+    found = trace(trials(Hidden(runout_m=runout_m, runout_angle_rad=0.4, true_path=True, cusps=cusps)))
     assert [each["name"] for each in found.verdict["effects"]] == ["radial_runout"] * (runout_m > 0.0)
     assert found.verdict["verdict"] == ("explained" if runout_m else "nothing missing")
     assert any(isinstance(each, ToothPath) for each in found.model.effects)
