@@ -135,8 +135,8 @@ def chip_in_arc(cutter: Cutter, cut: Cut, tool: Tool, own_rad: Array, cell_rad: 
 
 
 def _bare(cutter: Cutter, cut: Cut, tool: Tool, angle: Array, behind: Array) -> tuple[Array, Array]:
-    """[..., S, N] chip thickness, negative where a tooth does not reach the sheet, m; and how far the tool has
-    advanced since the surface that the tooth meets was left, m."""
+    """[..., S, N] chip thickness, negative where a tooth does not reach the sheet, m; and how far the tool
+    has advanced since the surface that the tooth meets was left, m."""
     feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None]
     if cutter.even:
         each_m = feed_m / tool.teeth
