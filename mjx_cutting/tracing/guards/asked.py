@@ -11,6 +11,7 @@ from mjx_cutting.tracing.guards.own_law import rather_their_law
 from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
 from mjx_cutting.tracing.guards.smeared import rather_smeared
 from mjx_cutting.tracing.guards.sudden import rather_sudden
+from mjx_cutting.tracing.guards.turning_force import rather_at_any_speed
 from mjx_cutting.tracing.guards.within_a_sample import rather_the_reading
 
 GUARDS = (
@@ -21,6 +22,7 @@ GUARDS = (
     rather_unlike,
     rather_their_law,
     rather_with_speed,
+    rather_at_any_speed,
     rather_multiplied,
     rather_sudden,
 )

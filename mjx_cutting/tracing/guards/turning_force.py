@@ -1,0 +1,63 @@
+"""Does a force that turns with the spindle go with the square of its speed, or is it as large at any?
+
+What the cut itself repeats once a turn (under a dull or a chipped tooth, say) is of a size that has nothing
+to do with the speed, and is taken for an unbalance where it turns like one. An unbalance passes only where a
+line of the spindle on both radial axes, the same at every speed, does not leave clearly less.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
+from mjx_cutting.cutting.effects import Parameter
+from mjx_cutting.cutting.effects.unbalance import Unbalance
+from mjx_cutting.tracing.fitting.descent import Descent
+from mjx_cutting.tracing.guards.gain import Gain
+
+_STEPS = 20
+_CLEARLY = 10.0
+_PART = 0.1
+
+
+class TurningForce(AbstractEffect):
+    """A line of the spindle that is the same at any speed, of unknown cause.
+
+    Fields: `amplitude_n` [4] N: of sin and cos of the tool's angle along x, then along y.
+    """
+
+    name = "turning_force"
+    stage = "tool"
+    physical = False
+    strength = "amplitude_n"
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "amplitude_n": Parameter("N", -1e4, 1e4, 0.0, 1.0, length=4, source="no physics: fitted")
+    }
+
+    amplitude_n: ArrayLike
+
+    def body(self, force: Array, cut: Cut, model: ForceModel) -> Array:
+        angle = jnp.asarray(cut.angle_rad)[..., None]
+        sine, cosine = jnp.split(jnp.reshape(jnp.asarray(self.amplitude_n), (2, 2)).T, 2)
+        plane = sine[0] * jnp.sin(angle) + cosine[0] * jnp.cos(angle)
+        return force + jnp.concatenate([plane, jnp.zeros_like(angle)], axis=-1)
+
+
+def rather_at_any_speed(gain: Gain) -> str | None:
+    """Why an unbalance is refused that a line of the same size at every speed does better than; None where it
+    does not, or it is none."""
+    problem = gain.problem
+    if gain.kind is not Unbalance or np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) == 0.0:
+        return None
+    descent = Descent(problem, (*gain.others, TurningForce))
+    x, _ = descent.descend(np.append(gain.rest, np.zeros(TurningForce.size(problem.tool))), _STEPS)
+    left, found = float(descent.squares_left(x[None])[0]), float(gain.found.squares)
+    if found - left <= max(_CLEARLY, _PART * (float(gain.before.squares) - found)):
+        return None
+    ratio = found / max(left, 1e-300)
+    return f"a line of the spindle that is as large at any speed leaves {ratio:.1f} times less"
