@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from mjx_cutting.cutting import Tool
+from mjx_cutting.cutting import AbstractEffect, Tool
 from mjx_cutting.cutting.effects.tooth_path import ToothPath
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
@@ -80,7 +80,7 @@ def on_other_path(problem: Problem, effects: Effects, x: ArrayLike) -> Problem |
 
     Arguments: `effects` of the model found, `x` [U] its unknowns, `problem` weighted by what it leaves.
     """
-    if not _shows(problem):
+    if not _shows(problem, effects):
         return None
     others = tuple(each for each in problem.given if not issubclass(each, TrueToothPath))
     circles = dataclasses.replace(problem, given=others)
@@ -104,11 +104,13 @@ def _squares(circles: Problem, effects: Effects, x: NDArray[np.floating]) -> flo
     return squares if has_it else np.inf
 
 
-def _shows(problem: Problem) -> bool:
-    """Whether the true path could change the force by more than a model of it may be off."""
+def _shows(problem: Problem, effects: Effects) -> bool:
+    """Whether the true path could change the force by more than a model of it may be off. Teeth that reach
+    differently far meet surfaces left up to a whole turn earlier."""
     if problem.tool.kind in LEVEL_KINDS or problem.motion is not None:
         return False
     speed, feed = (np.asarray(each) for each in (problem.cut.spindle_speed_rev_s, problem.cut.feed_speed_m_s))
-    teeth = problem.tool.teeth
-    share = np.max(feed / (speed * teeth)) / (0.5 * float(np.asarray(problem.tool.diameter_m)))
-    return bool(share * (1.0 + teeth / _TEETH) > problem.tolerance)
+    teeth, radius_m = problem.tool.teeth, 0.5 * float(np.asarray(problem.tool.diameter_m))
+    share = float(np.max(feed / (speed * teeth))) / radius_m
+    uneven = any(each.cutter is not AbstractEffect.cutter for each in effects)
+    return share * (teeth if uneven else 1.0 + teeth / _TEETH) > problem.tolerance

@@ -13,6 +13,7 @@ from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, order_lines
 from mjx_cutting.cutting.effects.radial_runout import RadialRunout
 from mjx_cutting.cutting.effects.tooth_path import ToothPath
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.tooth_path import TruePathInArc, TrueToothPath, on_other_path, on_true_path
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, ToolInfo
@@ -98,6 +99,22 @@ def test_a_feed_that_is_small_against_the_radius_is_not_asked_about(posed):
     _, problem = posed(trials(Hidden(true_path=True), ToolInfo("end_mill", 3, 0.2)))
     problem, base = fit_base(problem)
     assert on_other_path(problem, (), base.x) is None
+
+
+def test_beside_uneven_teeth_a_smaller_feed_is_asked_about(posed):
+    """They meet surfaces left a whole turn before: cusps 20 times as long on a saw of 20 teeth."""
+    saw = ToolInfo("slitting_saw", 20, 0.063)
+    cuts = [
+        Conditions(speed, feed, depth, 0.0016, "conventional")
+        for speed, feed, depth in ((30.0, 0.006, 0.0015), (40.0, 0.006, 0.003), (40.0, 0.02, 0.0015))
+    ]
+    hidden = Hidden(runout_m=2.6e-6, runout_angle_rad=0.9, true_path=True, cusps=True)
+    _, problem = posed(make_trials(saw, SHEET, cuts, Sensor(5000.0, (0.2,) * 3), hidden=hidden, seed=5))
+    problem, base = fit_base(problem)
+    assert on_other_path(problem, (), base.x) is None
+    x, _ = Descent(problem, (RadialRunout,)).descend(np.append(np.asarray(base.x), [0.2, 0.1]), 20)
+    other = on_other_path(problem, (RadialRunout,), x)
+    assert other is not None and other.given == (TrueToothPath,)
 
 
 @pytest.mark.slow
