@@ -264,8 +264,8 @@ def _caveats(found: Pass, *others: object | None) -> tuple[str, ...]:
     caveats = [str(each) for each in others if each is not None]
     if on_true_path(found.search.problem):
         caveats.append(
-            "the feed per tooth is not small against the radius, and these trials have the teeth on their "
-            "true path, not on circles (a chip of c sin th): so has the base model, in the error before too"
+            "the feed is not small against the radius, and these trials have the teeth on their true "
+            "path, not on circles (a chip of c sin th): so has the base model, in the error before too"
         )
     motion = found.search.problem.motion
     if motion is not None:
