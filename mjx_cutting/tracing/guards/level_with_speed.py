@@ -17,12 +17,10 @@ from jax.typing import ArrayLike
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.thermal_drift import ThermalDrift
-from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.guards.gain import Gain
 
 _USUAL_REV_S = 30.0
 _TERMS = 2
-_STEPS = 20
 
 
 class LevelWithSpeed(AbstractEffect):
@@ -52,9 +50,7 @@ def rather_with_speed(gain: Gain) -> str | None:
     problem = gain.problem
     if gain.kind is not ThermalDrift or np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) == 0.0:
         return None
-    descent = Descent(problem, (*gain.others, LevelWithSpeed))
-    x, _ = descent.descend(np.append(gain.rest, np.zeros(LevelWithSpeed.size(problem.tool))), _STEPS)
-    left = float(descent.squares_left(x[None])[0])
+    left = gain.squares_with(LevelWithSpeed)
     if left >= float(gain.found.squares):
         return None
     ratio = float(gain.found.squares) / max(left, 1e-300)

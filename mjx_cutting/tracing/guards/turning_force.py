@@ -17,10 +17,8 @@ from jax.typing import ArrayLike
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.unbalance import Unbalance
-from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.guards.gain import Gain
 
-_STEPS = 20
 _CLEARLY = 10.0
 _PART = 0.1
 
@@ -54,9 +52,7 @@ def rather_at_any_speed(gain: Gain) -> str | None:
     problem = gain.problem
     if gain.kind is not Unbalance or np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) == 0.0:
         return None
-    descent = Descent(problem, (*gain.others, TurningForce))
-    x, _ = descent.descend(np.append(gain.rest, np.zeros(TurningForce.size(problem.tool))), _STEPS)
-    left, found = float(descent.squares_left(x[None])[0]), float(gain.found.squares)
+    left, found = gain.squares_with(TurningForce), float(gain.found.squares)
     if found - left <= max(_CLEARLY, _PART * (float(gain.before.squares) - found)):
         return None
     ratio = found / max(left, 1e-300)

@@ -35,27 +35,15 @@ def tie(
     found: Search,
     floor: float,
 ) -> dict[str, Any] | None:
-    """The accepted effect and another that explains as much; beside all that was found later too, where they
-    were tried so: what else was missing made two look alike that are not."""
-    tied = _tied(each, named, dataset, lines, found, floor)
-    if tied is None or each.again is None:
-        return tied
-    return _tied(each.again, named, dataset, lines, found, floor)
-
-
-def _tied(
-    each: Round,
-    named: Container[type[AbstractEffect]],
-    dataset: Dataset,
-    lines: Lines,
-    found: Search,
-    floor: float,
-) -> dict[str, Any] | None:
     """The accepted effect and another, not `named` itself, that explains the same part of the force not worse
     beyond two standard errors, nor by what tells two apart where noise, `floor` of the force, is all that one
     leaves, and passed every test, or all but that which would tell the two apart. Or one that passed every
     test and is worse by a small part of what neither explains beyond the noise: whatever that is may favour
-    either, and be what a guard refused the other for."""
+    either, and be what a guard refused the other for.
+
+    Beside all that was found later too, where they were tried so: what else was missing made two look alike
+    that are not.
+    """
     assert each.accepted is not None
     best = each.accepted.heldout
     unexplained = float(best.error_n2.sum() - floor**2 * best.energy_n2.sum())
@@ -75,6 +63,8 @@ def _tied(
             cosine = float(first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-300))
             if cosine < _THE_SAME:
                 continue
+            if each.again is not None:
+                return tie(each.again, named, dataset, lines, found, floor)
             return {
                 "names": [each.accepted.kind.name, other.kind.name],
                 "cosine": cosine,
