@@ -1,8 +1,8 @@
 """One trial unlike all others: a cable that came loose, a sensor that saturated, the wrong sheet.
 
-Where nothing that is known explains what is missing, and nearly all of it is missing in one trial, the others
-are traced without it. Only if that settles the matter, or at least halves what is missing, is the trial left
-out, by name and with its figures.
+Where what is known does not explain all that is missing, and nearly all that is left is missing in one trial,
+the others are traced without it. Only if that settles the matter, or at least halves what is left, is the
+trial left out, by name and with its figures.
 """
 
 from __future__ import annotations

@@ -61,6 +61,7 @@ from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 from mjx_cutting.trials.dataset import Dataset
 
 _CLEARER = 0.5
+_OPEN = ("unexplained", "partly explained")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,11 +120,12 @@ def trace(
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
         if again.final.nrmse < _CLEARER * found.final.nrmse:
             dataset, found = otherwise, again
-    if found.verdict["verdict"] != "unexplained" or (one := spoiled(found.dataset, found.final)) is None:
+    word = found.verdict["verdict"]
+    if word not in _OPEN or (one := spoiled(found.dataset, found.final)) is None:
         return found
     progress(f"once more, without {one.file}")
     again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)
-    settled = again.verdict["verdict"] != "unexplained"
+    settled = again.verdict["verdict"] not in _OPEN[: _OPEN.index(word) + 1]
     return again if settled or again.final.nrmse < _CLEARER * found.final.nrmse else found
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from mjx_cutting.trials.dataset import Array, Dataset, LeftOut, Sensor, ToolInfo, Trial, process_to_columns
 from mjx_cutting.trials.idle import idle_cuts
 from mjx_cutting.trials.saturation import find_saturation
+from mjx_cutting.trials.standstill import find_standstill
 
 Channels = list[tuple[str, Array]]
 
@@ -74,6 +75,8 @@ def check_trial(trial: Trial, tool: ToolInfo, sensor: Sensor, axes: Sequence[str
         time_reasons = _check_time(trial, sensor)
         reasons += time_reasons
         reasons += _check_saturation(channels)
+        if trial.kind == "cut":
+            reasons += _check_standstill(trial, channels)
         if not time_reasons:
             warnings += _check_aliasing(trial, tool, sensor)
             warnings += _check_measured_speed(trial)
@@ -261,6 +264,20 @@ def _check_saturation(channels: Channels) -> list[str]:
                 f"{found.longest_run} in a "
                 "row, expected a force inside the sensor's range; record again with a larger range or a "
                 "lighter cut."
+            )
+    return reasons
+
+
+def _check_standstill(trial: Trial, channels: Channels) -> list[str]:
+    reasons = []
+    for index, (name, values) in enumerate(channels):
+        others = [other for place, (_, other) in enumerate(channels) if place != index]
+        found = find_standstill(values, others)
+        if found is not None:
+            reasons.append(
+                f"{name}: got {found.value:g} in {found.samples} samples in a row (from "
+                f"{trial.time_s[found.first]:.4g} s) while another channel went on, expected a force that "
+                "varies; check the cable and the channel, cut the record there or record again."
             )
     return reasons
 

@@ -34,6 +34,14 @@ def test_the_effect_in_the_others_is_named(mill):
     assert [each["name"] for each in verdict["effects"]] == ["radial_runout"]
 
 
+def test_what_one_record_leaves_does_not_hide_a_lesser_effect_beside_one_named(mill):
+    """The runout is named whatever the third one holds."""
+    hidden = Hidden(runout_m=1e-5, size_exponent=0.25)
+    found = trace(_with_a_loose_cable(mill(hidden)), effects=["radial_runout", "size_effect"]).verdict
+    assert [each["name"] for each in found["effects"]] == ["radial_runout", "size_effect"]
+    assert [each["file"] for each in found["left_out"]] == ["t03.csv"]
+
+
 def test_a_spoiled_record_does_not_hide_how_much_is_missing_in_the_others(mill):
     verdict = trace(_with_a_loose_cable(mill(Hidden(runout_m=2e-6))), effects=["mains_pickup"]).verdict
     assert verdict["verdict"] == "unexplained"

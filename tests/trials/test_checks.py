@@ -129,6 +129,18 @@ def test_saturation(folder, column, sign):
     )
 
 
+def test_a_channel_that_hangs(folder):
+    folder.columns()["force_y_n"][600:900] = 0.0
+    told = left_out(folder)
+    assert "force_y_n: got 0 in 300 samples in a row (from 0.6 s) while another channel went on" in told
+
+
+def test_a_channel_that_hangs_in_the_air_is_no_matter(folder):
+    folder.entry()["kind"] = "air"
+    folder.columns()["force_y_n"][600:900] = 0.0
+    assert read(folder.write()).left_out == ()
+
+
 @pytest.mark.parametrize(
     ("feed_m_s", "shown"), [(126.0, "3e+06 um"), (0.126, "3e+03 um"), (1e-8, "0.000238 um")]
 )

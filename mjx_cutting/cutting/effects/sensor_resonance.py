@@ -44,7 +44,13 @@ class SensorResonance(AbstractEffect):
     strength = "frequency_hz"
     parameters = {
         "frequency_hz": Parameter(
-            "Hz", 80.0, 1900.0, BEYOND_HZ, TYPICAL_HZ, log=True, source="100-1500 Hz, working knowledge"
+            "Hz",
+            80.0,
+            6000.0,
+            BEYOND_HZ,
+            TYPICAL_HZ,
+            log=True,
+            source="100-1500 Hz at a robot's wrist, to 5 kHz under a plate on a table, working knowledge",
         ),
         "damping": Parameter("1", 0.005, 0.5, None, 0.05, log=True, source="0.5-50 %, working knowledge"),
         "axial_frequency_ratio": Parameter("1", 0.25, 4.0, 1.0, log=True, source="working knowledge"),
@@ -92,7 +98,7 @@ class SensorResonance(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.log([[share, 0.5] for share in np.geomspace(0.25, 4.5, 10)])
+        return np.log([[share, 0.5] for share in np.geomspace(0.25, 13.5, 14)])
 
     @classmethod
     def again(cls, coordinates: np.ndarray, tool: Tool) -> np.ndarray:
