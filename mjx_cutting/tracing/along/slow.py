@@ -161,7 +161,9 @@ def _stack(
     best: list[SlowCandidate] = []
     rest, error = trials, before
     while len(found) < _MOST_LAYERS:
-        one = _next_of(kind, rest, error, replace(test, free=0.0), beside, [each.shape for each in found])
+        # of a further layer no other kind was tried beside it
+        asked = replace(test, free=0.0, tries=1 if found else test.tries)
+        one = _next_of(kind, rest, error, asked, beside, [each.shape for each in found])
         if one is None:
             break
         found.append(one)

@@ -15,6 +15,7 @@ Array = NDArray[np.floating]
 _FEWEST = 24
 _UNHEARD = 3e-4
 _BY_CHANCE = 4.0
+_FAR = 1e-3
 
 
 def followed_orders(
@@ -46,3 +47,14 @@ def followed_orders(
         heard = np.flatnonzero((over > _BY_CHANCE * np.sqrt(by_chance)) & (size_n2 > little_n2))
         followed[1 + alike[: 1 + heard.max(initial=-1)]] = True
     return followed
+
+
+def without_far_orders(
+    followed: NDArray[np.bool_], whitened: Array, energy_n2: float, near: int
+) -> NDArray[np.bool_]:
+    """[orders + 1] those `followed` without the highest, above order `near`, that together hold less than a
+    thousandth of the force: what they cost goes with the order too. The rest is as in `followed_orders`."""
+    square = np.sum(whitened[:, 1::2] ** 2 + whitened[:, 2::2] ** 2, axis=(0, 2)) * followed[1:]
+    beyond = np.concatenate([np.cumsum(square[::-1])[::-1], [0.0]])
+    needed = int(np.argmax(beyond <= _FAR**2 * energy_n2))
+    return followed & (np.arange(len(followed)) <= max(needed, near))

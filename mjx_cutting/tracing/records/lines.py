@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from mjx_cutting.tracing.records.followed import followed_orders
+from mjx_cutting.tracing.records.followed import followed_orders, without_far_orders
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.spindle import (
     measured_speed,
@@ -33,7 +33,7 @@ Array = NDArray[np.floating]
 _RIDGE = 1e-9
 _TOOTH_HARMONICS = 6
 _MOST_ORDERS = 160
-_SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192)
+_SIZES = (8, 12, 16, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192, 224, 256, 320, 384, 512, 640, 800, 1000)
 _UNFILTERED_HARMONICS = 48
 _MOST_UNFILTERED = 256
 _SAMPLES_PER_ORDER = 8
@@ -186,6 +186,7 @@ def _followed(lines: Lines, dataset: Dataset) -> NDArray[np.bool_]:
     noise = lines.rest_n2 / np.maximum(in_band - lines.present.sum(axis=1), 1.0)[:, None]
     energy = float(lines.energy_n2.sum())
     followed = followed_orders(lines.whitened, lines.present, noise, energy, dataset.tool.teeth)
+    followed = without_far_orders(followed, lines.whitened, energy, _MOST_ORDERS)
     highest = int(np.flatnonzero(followed).max())
     size = next((size for size in _SIZES if size >= highest), lines.orders)
     return followed[: min(size, lines.orders) + 1]
@@ -239,14 +240,17 @@ def order_of_columns(orders: int) -> NDArray[np.int64]:
 def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s: float) -> int:
     """Highest order that falls, or folds, into the band and passes the known anti-alias filter.
 
+    Of a saw of many teeth the first harmonics of tooth passing are taken, where the records tell them apart.
     Without a filter all of them fold, and what a tooth does at entry and exit falls off slowly: as many are
     taken then as the records can tell apart.
     """
-    sensor, most = dataset.sensor, _MOST_ORDERS
-    wanted = max(_TOOTH_HARMONICS * dataset.tool.teeth, int(band_hz[1] / slowest_rev_s))
+    sensor, of_teeth = dataset.sensor, _TOOTH_HARMONICS * dataset.tool.teeth
+    wanted = max(of_teeth, int(band_hz[1] / slowest_rev_s))
+    shortest = min(len(trial.time_s) for trial in dataset.trials if trial.kind == "cut")
+    told_apart = shortest // _SAMPLES_PER_ORDER
+    most = max(_MOST_ORDERS, min(of_teeth, told_apart))
     if sensor.anti_alias is None:
-        shortest = min(len(trial.time_s) for trial in dataset.trials if trial.kind == "cut")
-        most = max(most, min(_MOST_UNFILTERED, shortest // _SAMPLES_PER_ORDER))
+        most = max(most, min(_MOST_UNFILTERED, told_apart))
         # of a piece of a trial no more than it tells apart (`_one`)
         most = max(min(most, (shortest - 3) // 4), 1)
         wanted = max(wanted, min(_UNFILTERED_HARMONICS * dataset.tool.teeth, most))

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from mjx_cutting.tracing.records.followed import without_far_orders
 from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
@@ -85,3 +86,16 @@ def test_few_orders_are_all_followed():
     with jax.enable_x64(True):
         lines = compress(_session({10: 30.0}), (0.0, 120.0))
     assert lines.followed.all()
+
+
+@pytest.mark.parametrize(("size", "highest"), [(0.0, 160), (3e-4, 160), (3e-2, 400)])
+def test_orders_far_up_that_together_hold_next_to_nothing_are_not_followed(size, highest):
+    """At orders 200 and 400, beside a force of one at order 40."""
+    whitened, followed = np.zeros((2, 801, 3)), np.zeros(401, bool)
+    followed[[0, 40, 160, 200, 400]] = True
+    whitened[:, 2 * 40] = 1.0
+    whitened[:, [2 * 200, 2 * 400]] = size
+    energy_n2 = float(np.sum(whitened**2))
+    kept = without_far_orders(followed, whitened, energy_n2, near=160)
+    assert np.flatnonzero(kept).max() == highest
+    np.testing.assert_array_equal(kept[:161], followed[:161])
