@@ -31,6 +31,7 @@ from mjx_cutting.tracing import predict_trials
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.trials.align import Alignment, align, align_measured, align_trials
 from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.spikes import without_spikes
 
 OVERSAMPLED = 2.0  # samples a second per hertz of the band after thinning
 PAST_SPINDLE = 1.2  # how far beyond the spindle's speed a fundamental is looked for on its angle's clock
@@ -78,7 +79,7 @@ def fit_gp(
     progress: Callable[[str], None] | None = None,
     provenance: dict[str, Any] | None = None,
 ) -> Fitted:
-    """Returns the disturbance fitted to what `model` leaves of a dataset's cut trials.
+    """Returns the disturbance fitted to what `model` leaves of a dataset's cut trials, free of spikes.
 
     Args:
         dataset: measured trials.
@@ -98,6 +99,7 @@ def fit_gp(
             than two periods, frequencies that alias, or a residual that is not finite.
     """
     told = progress or (lambda _: None)
+    dataset, replaced = without_spikes(dataset)
     cuts = tuple(trial for trial in dataset.trials if trial.kind == "cut")
     if not cuts:
         raise ValueError(f"dataset {dataset.name!r} has no cut trial; fit-gp needs at least one")
@@ -152,7 +154,7 @@ def fit_gp(
         "alignment": alignment.report(),
         "energy_share": _share(left, measured),
         "thinned_by": stride,
-        "dataset_warnings": list(dataset.warnings),
+        "dataset_warnings": [*dataset.warnings, *replaced],
         "left_out": [f"{each.file}: {each.reason}" for each in dataset.left_out],
     }
     if any(match is not None for match in alignment.matches):

@@ -59,6 +59,7 @@ from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import only_scatter, testable, verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.spikes import without_spikes
 
 _CLEARER = 0.5
 _OPEN = ("unexplained", "partly explained")
@@ -112,6 +113,19 @@ def trace(
     with _platform.x64():
         dataset = of_one_material(dataset, trusted_band(dataset, band_hz), material)
     _check(dataset)
+    dataset, replaced = without_spikes(dataset)
+    found = _with_every_trial_or_one_less(dataset, band_hz, effects, seed, progress)
+    return replace(found, caveats=(*found.caveats, *replaced))
+
+
+def _with_every_trial_or_one_less(
+    dataset: Dataset,
+    band_hz: tuple[float, float] | None,
+    effects: Sequence[str] | None,
+    seed: int,
+    progress: Callable[[str], None],
+) -> Tracing:
+    """`trace` of checked trials: of all, their columns read otherwise if need be, or without one spoiled."""
     said = dataset.axes
     found = _trace(dataset, said, band_hz, effects, seed, progress)
     if said is None and found.reading is not None:

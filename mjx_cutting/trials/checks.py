@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjx_cutting.trials.dataset import Array, Dataset, LeftOut, Sensor, ToolInfo, Trial, process_to_columns
+from mjx_cutting.trials.dataset import Array, Dataset, LeftOut, Sensor, ToolInfo, Trial
 from mjx_cutting.trials.idle import idle_cuts
 from mjx_cutting.trials.saturation import find_saturation
+from mjx_cutting.trials.spikes import trial_spikes
 from mjx_cutting.trials.standstill import find_standstill
 
 Channels = list[tuple[str, Array]]
@@ -67,7 +68,7 @@ class Verdict:
 
 def check_trial(trial: Trial, tool: ToolInfo, sensor: Sensor, axes: Sequence[str] | None = None) -> Verdict:
     """The verdict on one trial; axes (as in `Dataset`) serve to name the file's columns in what is said."""
-    channels = _channels(trial, axes)
+    channels = trial.columns(axes)
     reasons, warnings = _check_conditions(trial, tool)
     unreadable = _check_values(trial, channels)
     reasons += unreadable
@@ -80,6 +81,7 @@ def check_trial(trial: Trial, tool: ToolInfo, sensor: Sensor, axes: Sequence[str
         if not time_reasons:
             warnings += _check_aliasing(trial, tool, sensor)
             warnings += _check_measured_speed(trial)
+            warnings += _check_spikes(trial, axes)
         warnings += _check_constant(channels)
     return Verdict(tuple(reasons), tuple(warnings))
 
@@ -282,6 +284,17 @@ def _check_standstill(trial: Trial, channels: Channels) -> list[str]:
     return reasons
 
 
+def _check_spikes(trial: Trial, axes: Sequence[str] | None) -> list[str]:
+    columns = dict(trial.columns(axes))
+    return [
+        f"{name}: got {len(spikes)} samples far from their neighbours, up to "
+        f"{float(np.abs(columns[name][spikes]).max()):.4g} (first at {trial.time_s[spikes[0]]:.4g} s), "
+        "expected none; tracing and fit-gp put a line between the neighbours in their place: check cables "
+        "and plugs."
+        for name, spikes in trial_spikes(trial, axes).items()
+    ]
+
+
 def _check_constant(channels: Channels) -> list[str]:
     return [
         f"{name}: got {values[0]:g} in every sample, expected a force that varies; check the cable and the "
@@ -336,10 +349,3 @@ def _check_measured_speed(trial: Trial) -> list[str]:
                 f"{SPEED_TOLERANCE:.0%}; give radians that grow with the spindle's turning."
             )
     return warnings
-
-
-def _channels(trial: Trial, axes: Sequence[str] | None) -> Channels:
-    if trial.torque_nm is not None:
-        return [("force_z_n", trial.force_n[:, 2]), ("torque_z_nm", trial.torque_nm)]
-    columns = process_to_columns(trial.force_n, axes)
-    return [(f"force_{name}_n", columns[:, index]) for index, name in enumerate("xyz")]

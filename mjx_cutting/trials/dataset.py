@@ -225,6 +225,13 @@ class Trial:
             return self.force_n
         return np.stack([self.force_n[:, 2], self.torque_nm], axis=-1)
 
+    def columns(self, axes: Sequence[str] | None) -> list[tuple[str, Array]]:
+        """Names and values [T] of the columns of force in the trial's file; `axes` as in `Dataset`."""
+        if self.torque_nm is not None:
+            return [("force_z_n", self.force_n[:, 2]), ("torque_z_nm", self.torque_nm)]
+        force_n = process_to_columns(self.force_n, axes)
+        return [(f"force_{name}_n", force_n[:, index]) for index, name in enumerate("xyz")]
+
 
 OPTIONAL_RECORDS = (
     "torque_nm",

@@ -48,6 +48,17 @@ def test_a_spoiled_record_does_not_hide_how_much_is_missing_in_the_others(mill):
     assert [each["file"] for each in verdict["left_out"]] == ["t03.csv"]
 
 
+def test_single_samples_far_from_their_neighbours_spoil_nothing(mill):
+    dataset = mill(Hidden(runout_m=6e-6))
+    force = dataset.trials[1].force_n.copy()
+    force[[400, 401, 1500, 3333], 0] += 2000.0
+    trials = (dataset.trials[0], replace(dataset.trials[1], force_n=force), *dataset.trials[2:])
+    found = trace(replace(dataset, trials=trials), effects=["radial_runout"])
+    assert found.verdict["verdict"] == "explained" and not found.verdict["left_out"]
+    assert found.verdict["after"]["heldout_nrmse"] < 1.1 * found.verdict["noise_floor_nrmse"]
+    assert any(said.startswith("t02.csv: 4 samples far from their neighbours") for said in found.caveats)
+
+
 def test_what_is_missing_in_every_trial_spoils_none(mill):
     dataset = mill()
     force = 1e3 * np.ones((6, 3))

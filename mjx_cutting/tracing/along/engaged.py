@@ -35,6 +35,7 @@ _LEAST_TURNS = 6.0
 _FEWEST_IN_AIR = 10
 _FEWEST_A_PITCH = 4
 _LONGER = 1.5
+_LEAST_SHARE = 1.0 / 3.0
 Array = NDArray[np.floating]
 
 
@@ -86,13 +87,16 @@ def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
 
 
 def mostly_in_the_cut(dataset: Dataset) -> bool:
-    """Whether records of a cutter surely begin or end in the air, and each holds the tool fully in the cut
-    over more than half of it."""
+    """Whether records of a cutter surely begin or end in the air, and together hold the tool fully in the cut
+    over more than half of them, each over more than a third."""
     if dataset.tool.kind in LEVEL_KINDS or (part := engaged(dataset, SURELY_TURNS)) is None:
         return False
     kept = {trial.file: len(trial.time_s) for trial in part.dataset.trials}
-    cuts = (trial for trial in dataset.trials if trial.kind == "cut")
-    return all(2 * kept.get(trial.file, 0) > len(trial.time_s) for trial in cuts)
+    samples = {trial.file: len(trial.time_s) for trial in dataset.trials if trial.kind == "cut"}
+    share = [kept.get(file, 0) / whole for file, whole in samples.items()]
+    return min(share) > _LEAST_SHARE and 2 * sum(kept.get(file, 0) for file in samples) > sum(
+        samples.values()
+    )
 
 
 def cut_down(
@@ -139,8 +143,8 @@ def _air(trial: Trial, stays: dict[str, _Stay]) -> Trial:
 @dataclass(frozen=True)
 class _Stay:
     """Where a tool is in the cut. Fields: `part` samples; `air` samples before the first touch; `touched_m`
-    places along the path where the force begins and ends, infinite where the record does; `outside_turns`
-    turns in the air at the end at which there are more."""
+    places along the path where the force begins and ends, or the record does on the way there, infinite where
+    it is in the cut then; `outside_turns` turns in the air at the end at which there are more."""
 
     part: slice
     air: int
@@ -212,12 +216,18 @@ def _stay(trial: Trial, tool: ToolInfo, zero_n: Array) -> _Stay | None:
         ramp = 0 if at_once else round(_CLEAR * way_in)
         return turn + max(risen, ramp)
 
-    first = int(touching[0]) + within(touching[0], full[0]) if before >= least else 0
-    last = int(touching[-1]) - within(touching[-1], full[-1]) if after >= least else last_sample
+    def on_ramp(level_for: int) -> bool:
+        """Whether a record that does not reach the air is seen to end, or to begin, on the way there."""
+        return turn < level_for < turn + way_in
+
+    comes = before >= least or on_ramp(int(full[0]))
+    goes = after >= least or on_ramp(last_sample - int(full[-1]))
+    first = int(touching[0]) + within(touching[0], full[0]) if comes else 0
+    last = int(touching[-1]) - within(touching[-1], full[-1]) if goes else last_sample
     place = along_path(trial)
     touched = (
-        float(place[touching[0]]) if before >= least else -np.inf,
-        float(place[touching[-1]]) if after >= least else np.inf,
+        float(place[touching[0]]) if comes else -np.inf,
+        float(place[touching[-1]]) if goes else np.inf,
     )
     air = max(before - turn, 0) if before >= least else 0
     return _Stay(slice(first, last + 1), air, touched, max(before, after) / turn)

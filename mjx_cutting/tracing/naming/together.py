@@ -23,7 +23,8 @@ from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyo
 from mjx_cutting.tracing.naming.decision import CHANCE
 from mjx_cutting.tracing.naming.finer import finer
 
-_STEPS = 8
+_STEPS = (2, 6)
+_GO_ON = 4
 _LEFT = 0.35
 _EACH = 0.8
 
@@ -36,10 +37,15 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
         alone: the round, with every candidate as it does alone.
     """
     problem = contest.problem
-    started = [(pair, _descended(problem, effects, pair)) for pair in combinations(alone.candidates, 2)]
-    if not started:
+    pairs = list(combinations(alone.candidates, 2))
+    if not pairs:
         return None
-    pair, (x, squares) = min(started, key=lambda each: each[1][1])
+    begun = [
+        (pair, *_descended(problem, effects, pair, _together(problem, pair), _STEPS[0])) for pair in pairs
+    ]
+    leading = sorted(begun, key=lambda each: each[2])[:_GO_ON]
+    ended = [(pair, *_descended(problem, effects, pair, x, _STEPS[1])) for pair, x, _ in leading]
+    pair, x, squares = min(ended, key=lambda each: each[2])
     if not squares < _LEFT**2 * float(before.squares):
         return None
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
@@ -73,14 +79,22 @@ def _finest(contest: Contest, effects: Effects, x: NDArray[np.floating], other: 
     return finer(found, contest, effects, other.fit, other.heldout)
 
 
+def _together(problem: Problem, pair: tuple[Candidate, Candidate]) -> NDArray[np.floating]:
+    """[U] unknowns of a pair, each where it is alone."""
+    one, other = (np.asarray(each.fit.x) for each in pair)
+    return np.concatenate([one, other[-pair[1].kind.size(problem.tool) :]])
+
+
 def _descended(
-    problem: Problem, effects: Effects, pair: tuple[Candidate, Candidate]
+    problem: Problem,
+    effects: Effects,
+    pair: tuple[Candidate, Candidate],
+    x: NDArray[np.floating],
+    steps: int,
 ) -> tuple[NDArray[np.floating], float]:
-    """Unknowns and sum of squares of a short fit of both, from where each is alone."""
+    """Unknowns and sum of squares of a short fit of both from `x` [U]."""
     one, other = pair
-    own = np.asarray(other.fit.x)[-other.kind.size(problem.tool) :]
-    start = np.concatenate([np.asarray(one.fit.x), own])
-    return Descent(problem, (*effects, one.kind, other.kind)).descend(start, _STEPS)
+    return Descent(problem, (*effects, one.kind, other.kind)).descend(x, steps)
 
 
 def _exchanged(x: NDArray[np.floating], last: int, before: int) -> NDArray[np.floating]:

@@ -41,6 +41,21 @@ def test_what_is_kept_lies_where_the_arc_is_full(mill):
     assert found.dataset.sensor.zeroed == "session"
 
 
+def test_a_record_that_ends_on_the_way_out_is_kept_to_where_the_arc_is_full(mill):
+    """It never reaches the air; the others do."""
+    feed_m_s = 0.08
+    dataset, times = _in_air_at_both_ends(mill(), feed_m_s)
+    way_s = 0.5 * dataset.tool.diameter_m / feed_m_s
+    short, (_, full_s) = dataset.trials[1], times[dataset.trials[1].file]
+    kept = short.time_s < full_s + 0.7 * way_s
+    short = replace(short, time_s=short.time_s[kept], force_n=short.force_n[kept])
+    found = engaged(replace(dataset, trials=(dataset.trials[0], short, *dataset.trials[2:])))
+    assert found is not None
+    assert full_s - way_s < found.spans_s[short.file][1] < full_s
+    last_m = feed_m_s * float(np.ptp(short.time_s))
+    assert found.touched_m[short.file][1] == pytest.approx(last_m, abs=1e-4)
+
+
 def test_out_of_a_pocket_the_arc_is_full_at_once(mill):
     """The force is at its level within a turn: no way in is cut off, though geometry knows one."""
     made, trials, times = mill(), [], {}
@@ -86,8 +101,8 @@ def test_a_record_that_is_hardly_in_the_cut_is_left_out_and_the_others_stay_whol
     assert str(found).endswith("so they are left out")
 
 
-@pytest.mark.parametrize("air_share, mostly", [(0.0, False), (0.3, True), (0.6, False)])
-def test_a_record_is_mostly_in_the_cut_where_less_than_half_is_air(saw, air_share, mostly):
+@pytest.mark.parametrize("air_share, mostly", [(0.0, False), (0.3, True), (0.6, True), (0.75, False)])
+def test_records_are_mostly_in_the_cut_where_no_more_than_two_thirds_of_one_are_air(saw, air_share, mostly):
     made = saw()
     first = made.trials[0]
     cutting = first.time_s >= air_share * first.time_s[-1]

@@ -1,0 +1,99 @@
+"""Single samples that stand far from their neighbours: a loose contact, a relay, a bit that fell over.
+
+The idea: how far each sample is from the median of the five about it. What a tooth does in one sample it does
+again with the next, so those distances have a scale of their own, and a spike is several times beyond it,
+rare, alone, and not there again a turn of the spindle later.
+
+The assumption that breaks it: forces sampled finely enough that a tooth's own is more than two samples long,
+or repeats itself from turn to turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
+
+from mjx_cutting.trials.dataset import Array, Dataset, Trial, columns_to_process
+
+ABOUT = 5
+"""Samples of which the median is taken: it passes by one or two that stand out, and keeps an edge."""
+
+EDGE = ABOUT // 2
+"""Samples at the ends of a record, which have neighbours on one side only and are not judged."""
+
+USUAL_PERCENT = 99.5
+TIMES_USUAL = 6.0
+"""A spike is as many times as far from the median as all but the rarest samples are."""
+
+MOST_SHARE = 2e-3
+"""Of more samples than this something else is the matter."""
+
+AGAIN = 0.3
+SPEED_ERROR = 0.02
+"""What is there again with this share of its size a turn before or later, that being known as well as the
+speed, belongs to a tooth.
+"""
+
+
+def find_spikes(signal: Array, turn_samples: float) -> NDArray[np.int64]:
+    """Samples of a `signal` [T] that are spikes; `turn_samples` in a turn of the spindle."""
+    if len(signal) < 2 * ABOUT:
+        return np.zeros(0, np.int64)
+    away = np.abs(signal - median_filter(signal, ABOUT, mode="mirror"))
+    quantum = float(np.diff(np.unique(signal)).min(initial=np.inf))
+    usual = max(float(np.percentile(away, USUAL_PERCENT)), quantum)
+    away[:EDGE] = away[-EDGE:] = 0.0
+    found = np.flatnonzero(away > TIMES_USUAL * usual)
+    if len(found) > max(MOST_SHARE * len(signal), 1.0):
+        return np.zeros(0, np.int64)
+    reach = max(round(SPEED_ERROR * turn_samples), 2)
+    near = maximum_filter1d(away, 2 * reach + 1, mode="constant")
+    turn = round(turn_samples)
+
+    def again(spike: int) -> bool:
+        other = (spike - turn, spike + turn)
+        return any(near[each] > AGAIN * away[spike] for each in other if 0 <= each < len(away))
+
+    return np.array([each for each in found.tolist() if not again(each)], np.int64)
+
+
+def trial_spikes(trial: Trial, axes: Sequence[str] | None = None) -> dict[str, NDArray[np.int64]]:
+    """The spikes of a trial by column of its file; `axes` as in `Dataset`."""
+    rate_hz = (trial.samples - 1) / float(trial.time_s[-1] - trial.time_s[0])
+    turn = rate_hz / trial.spindle_speed_rev_s
+    found = {name: find_spikes(values, turn) for name, values in trial.columns(axes)}
+    return {name: spikes for name, spikes in found.items() if len(spikes)}
+
+
+def without_spikes(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
+    """The trials with a line between the neighbours in place of every spike, and in words what was replaced,
+    trial by trial."""
+    trials, told = [], []
+    for trial in dataset.trials:
+        found = trial_spikes(trial, dataset.axes)
+        if found:
+            trial = _bridged(trial, found, dataset.axes)
+            first = min(int(each[0]) for each in found.values())
+            told.append(
+                f"{trial.file}: {sum(map(len, found.values()))} samples far from their neighbours were "
+                f"replaced by the line between those ({', '.join(found)}; the first at "
+                f"{trial.time_s[first]:.4g} s)"
+            )
+        trials.append(trial)
+    return (replace(dataset, trials=tuple(trials)), tuple(told)) if told else (dataset, ())
+
+
+def _bridged(trial: Trial, found: dict[str, NDArray[np.int64]], axes: Sequence[str] | None) -> Trial:
+    mended = []
+    for name, values in trial.columns(axes):
+        sound = np.delete(np.arange(trial.samples), found.get(name, ()))
+        mended.append(np.interp(np.arange(trial.samples), sound, values[sound]))
+    if trial.torque_nm is None:
+        return replace(trial, force_n=columns_to_process(np.stack(mended, axis=1), axes))
+    force_n = trial.force_n.copy()
+    force_n[:, 2], torque_nm = mended
+    return replace(trial, force_n=force_n, torque_nm=torque_nm)
