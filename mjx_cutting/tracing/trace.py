@@ -18,17 +18,14 @@ from mjx_cutting.cutting.effects.material_periodicity import MaterialPeriodicity
 from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple as RIPPLE
 from mjx_cutting.tracing.along.droop import NAME as DROOP
-from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged, mostly_in_the_cut
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
-from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
-from mjx_cutting.tracing.along.ripple_in_angle import find_ripple
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import SelfExcited, find_vibration
-from mjx_cutting.tracing.along.slow_round import BeforeOthers
 from mjx_cutting.tracing.along.turning_chatter import find_chatter
+from mjx_cutting.tracing.before_others import with_droop, with_offset, with_ripple
 from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.by_place import in_ramps
 from mjx_cutting.tracing.droop_on_ramps import with_droop_on_ramps
@@ -49,7 +46,13 @@ from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
 from mjx_cutting.tracing.telling.above_band import above_band
 from mjx_cutting.tracing.telling.at_level import at_level
-from mjx_cutting.tracing.telling.axes import Reading, better_reading, other_columns, read_as
+from mjx_cutting.tracing.telling.axes import (
+    Reading,
+    better_reading,
+    other_columns,
+    read_as,
+    reading_with_an_effect,
+)
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
@@ -128,9 +131,9 @@ def _with_every_trial_or_one_less(
     """`trace` of checked trials: of all, their columns read otherwise if need be, or without one spoiled."""
     said = dataset.axes
     found = _trace(dataset, said, band_hz, effects, seed, progress)
-    if said is None and found.reading is not None:
-        progress(f"once more, the columns of force read as {list(found.reading.axes)}")
-        otherwise = read_as(dataset, found.reading.axes)
+    if said is None and (reading := found.reading or _reading(found)) is not None:
+        progress(f"once more, the columns of force read as {list(reading.axes)}")
+        otherwise = read_as(dataset, reading.axes)
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
         if again.final.nrmse < _CLEARER * found.final.nrmse:
             dataset, found = otherwise, again
@@ -141,6 +144,17 @@ def _with_every_trial_or_one_less(
     again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)
     settled = again.verdict["verdict"] not in _OPEN[: _OPEN.index(word) + 1]
     return again if settled or again.final.nrmse < _CLEARER * found.final.nrmse else found
+
+
+def _reading(found: Tracing) -> Reading | None:
+    """Another reading of the columns, of those that one effect explains, where the present one is not."""
+    if found.verdict["verdict"] not in _OPEN or not found.search.rounds:
+        return None
+    screened = found.search.rounds[0].screened
+    with _platform.x64():
+        return reading_with_an_effect(
+            found.dataset, found.lines, found.search.problem, screened, found.final.nrmse
+        )
 
 
 def _trace(
@@ -198,11 +212,11 @@ def _trace(
             progress("lines off the spindle's multiples")
             found = _with_vibration(found)
         if any(kind.name == DROOP for kind in kinds):
-            found = with_droop_on_ramps(dataset, _with_droop(found))
+            found = with_droop_on_ramps(dataset, with_droop(found))
         if any(kind.name == OFFSET for kind in kinds) and found.search.problem.motion is None:
-            found = _with_offset(found)
+            found = with_offset(found)
         if RIPPLE in kinds and RIPPLE not in found.kinds and found.search.problem.motion is None:
-            found = _with_ripple(found)
+            found = with_ripple(found)
         reading = better_reading(found.dataset, found.lines, found.search.problem, found.final.nrmse)
         progress("testing what remains")
         teeth, orders = dataset.tool.teeth, found.lines.orders
@@ -327,26 +341,6 @@ def _shaken(found: Pass, shaken: SelfExcited) -> Pass:
     return replace(found.with_round(shaken.round, shaken.evidence), model=found.model)
 
 
-def _before_others(found: Pass, tried: BeforeOthers | None) -> Pass:
-    """The pass with what was tried of how its records were read, where that was accepted."""
-    if tried is None or tried.round.accepted is None:
-        return found
-    named = tried.round.accepted
-    return replace(
-        found,
-        search=replace(found.search, base=tried.base),
-        before=tried.before,
-        model=found.model.with_effects(named.effect),
-        slow=(tried.round, *found.slow),
-        evidence=found.evidence | {named.kind.name: tried.evidence},
-    )
-
-
-def _with_droop(found: Pass) -> Pass:
-    """A spindle that gives way: its lines were read at the loaded speed."""
-    return _before_others(found, find_droop(found.dataset, found.lines, found.search))
-
-
 def _unnamed(found: Pass, bare: Pass) -> Pass:
     """The pass without names, where all that they explain is how the force scatters from trial to trial."""
     rounds = found.search.rounds
@@ -355,17 +349,6 @@ def _unnamed(found: Pass, bare: Pass) -> Pass:
             refused(rounds[0], "the force of the trials scatters as a whole, and nothing else is left"),
         )
     return replace(bare, search=replace(bare.search, rounds=rounds))
-
-
-def _with_offset(found: Pass) -> Pass:
-    """A force that is late against the measured angle: every fit left the phases free."""
-    late = find_offset(found.dataset, found.lines, found.search, found.final, found.before, found.after)
-    return _before_others(found, late)
-
-
-def _with_ripple(found: Pass) -> Pass:
-    """A ripple that the measured angle holds: every fit went along that."""
-    return _before_others(found, find_ripple(found.dataset, found.lines, found.search, found.after))
 
 
 def save(tracing: Tracing, out: Path) -> None:

@@ -3,29 +3,37 @@
 A sensor mounted another way round, or the force on the sheet taken for the one on the tool, leaves a base
 model that fits badly, whatever effect is then added. So where much is left with all effects found, the base
 model is fitted again to the forces read in every other way: axes exchanged, signs turned. One that leaves
-less than a third of the error is told; nothing is turned round unasked. The sign along the tool's axis cannot
-be told from lines, for the axial constants may have either. Of a turning tool, of which other standards have
-the axes otherwise, the main cutting force is found (`levels`), and what was made of the columns is told.
+less than a third of the error is told; nothing is turned round unasked. A strong effect hides which reading
+that is, and then the one is taken in which an effect leaves far less than any does in the others. The sign
+along the tool's axis cannot be told from lines, for the axial constants may have either. Of a turning tool,
+of which other standards have the axes otherwise, the main cutting force is found (`levels`), and what was
+made of the columns is told.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from mjx_cutting.tracing.fitting.fit import base_starts, fit
 from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.trials.dataset import Dataset, columns_to_process
 
 _BAD = 0.1
+_POOR = 0.05
 _BETTER = 1.0 / 3.0
+_EFFECTS = 4
+_ABOUT_AS_WELL = 1.3
 
 
 class Reading(NamedTuple):
@@ -53,7 +61,7 @@ def other_columns(dataset: Dataset, said: tuple[str, str, str] | None) -> str | 
     if said == dataset.axes:
         return None
     turned = "the largest as the main cutting force of a turning tool"
-    why = turned if dataset.tool.kind == "turning" else "as which the base model fits far better"
+    why = turned if dataset.tool.kind == "turning" else "as which they are explained far better"
     return (
         f"the columns of force were read as {list(dataset.axes or ())}, {why}: say so in `axes` in "
         "dataset.json, or check how the sensor is mounted"
@@ -78,33 +86,72 @@ def better_reading(dataset: Dataset, lines: Lines, problem: Problem, left: float
     """
     if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None or left < _BAD:
         return None
-    now = _error(problem, lines, (0, 1, 2), (1.0, 1.0, 1.0))
+    now = _fitted(problem, lines, _AS_IS).error
     if now < _BAD:
         return None
-    signs = [(x, y, 1.0) for x in (1.0, -1.0) for y in (1.0, -1.0)]
-    ways = list(itertools.product(itertools.permutations(range(3)), signs))
-    errors = [_error(problem, lines, *way) for way in ways]
-    best = int(np.argmin(errors))
-    if errors[best] > _BETTER * now:
+    best = min((_fitted(problem, lines, way) for way in _ways()), key=lambda each: each.error)
+    if best.error > _BETTER * now:
         return None
-    return Reading(_as_axes(dataset, *ways[best]), errors[best], now)
+    return Reading(_as_axes(dataset, *best.way), best.error, now)
 
 
-def _error(problem: Problem, lines: Lines, order: tuple[int, ...], sign: tuple[float, ...]) -> float:
-    """Relative error of the base model where axis i is `sign`[i] times what is now axis `order`[i]."""
-    index = np.asarray(order)
+def reading_with_an_effect(
+    dataset: Dataset, lines: Lines, problem: Problem, screened: Sequence[Screened], left: float
+) -> Reading | None:
+    """The way to read the forces in which one effect leaves far less than any does in another way, and than
+    is `left` now (call it in float64).
+
+    Arguments:
+        screened: effects as they were looked at beside the base model on the forces as they are; those that
+            explain most of them are tried in every way that the base model alone fits about as well.
+        left: relative error of the model found.
+    """
+    if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None or left < _POOR or not screened:
+        return None
+    kinds = [each.kind for each in sorted(screened, key=lambda each: -each.share)[:_EFFECTS]]
+    ways = [_fitted(problem, lines, way) for way in _ways()]
+    lowest = min(each.error for each in ways)
+    tried: list[tuple[float, _Way]] = []
+    for way in ways:
+        if way.error < _ABOUT_AS_WELL * lowest:
+            best = screen(way.problem, (), jnp.asarray(way.x), kinds)[0]
+            tried.append((way.error * float(np.sqrt(1.0 - best.share)), way))
+    tried.sort(key=lambda each: each[0])
+    error, way = tried[0]
+    others = min((each[0] for each in tried[1:]), default=np.inf)
+    if way.way == _AS_IS or error > _BETTER * min(left, others):
+        return None
+    return Reading(_as_axes(dataset, *way.way), error, left)
+
+
+class _Way(NamedTuple):
+    """The base model where axis i is `way`[1][i] times what is now axis `way`[0][i]: the problem that is, its
+    unknowns `x` [U], and the relative error it leaves."""
+
+    way: tuple[tuple[int, ...], tuple[float, ...]]
+    problem: Problem
+    x: Array
+    error: float
+
+
+_AS_IS = ((0, 1, 2), (1.0, 1.0, 1.0))
+
+
+def _ways() -> list[tuple[tuple[int, ...], tuple[float, ...]]]:
+    signs = [(x, y, 1.0) for x in (1.0, -1.0) for y in (1.0, -1.0)]
+    return list(itertools.product(itertools.permutations(range(3)), signs))
+
+
+def _fitted(problem: Problem, lines: Lines, way: tuple[tuple[int, ...], tuple[float, ...]]) -> _Way:
+    index, sign = np.asarray(way[0]), jnp.asarray(way[1])
     turned = eqx.tree_at(
         lambda p: (p.whitened, p.weight, p.bias_spread_n),
         problem,
-        (
-            problem.whitened[..., index] * jnp.asarray(sign),
-            problem.weight[index],
-            problem.bias_spread_n[index],
-        ),
+        (problem.whitened[..., index] * sign, problem.weight[index], problem.bias_spread_n[index]),
     )
     found = fit(turned, (), base_starts(turned))
     left = float(np.sum(np.asarray(found.error_n2)) + lines.rest_n2.sum())
-    return float(np.sqrt(left / lines.energy_n2.sum()))
+    return _Way(way, turned, found.x, float(np.sqrt(left / lines.energy_n2.sum())))
 
 
 def _as_axes(dataset: Dataset, order: tuple[int, ...], sign: tuple[float, ...]) -> tuple[str, str, str]:

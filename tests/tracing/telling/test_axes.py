@@ -56,6 +56,16 @@ def test_where_nothing_is_said_of_the_axes_the_trials_are_traced_as_they_fit(mil
     assert "read as ['+y', '-x', '+z']" in found.verdict["remaining"]["description"]
 
 
+def test_a_strong_effect_shows_which_reading_is_right_where_the_base_model_does_not(mill):
+    dataset = _turned(mill(Hidden(resonance_hz=420.0, resonance_damping=0.05)), ("-y", "+x", "+z"))
+    assert _reading(dataset) is None
+    found = trace(dataset, effects=("sensor_resonance", "size_effect"))
+    assert found.verdict["verdict"] == "explained" and found.dataset.axes == ("-y", "+x", "+z")
+    (named,) = found.verdict["effects"]
+    assert named["parameters"]["frequency_hz"]["value"] == pytest.approx(420.0, rel=0.01)
+    assert any("explained far better" in each for each in found.caveats)
+
+
 def test_what_the_data_set_says_of_its_axes_is_not_turned_round(mill):
     dataset = replace(_turned(mill(), ("+y", "-x", "+z")), axes=("+x", "+y", "+z"))
     found = trace(dataset, effects=())
