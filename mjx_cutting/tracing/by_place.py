@@ -6,25 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
-import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.pieces import in_pieces, of_whole_trials
-from mjx_cutting.tracing.along.ramps import ends_in_pieces
+from mjx_cutting.tracing.along.ramps import changes_at_an_end, ends_in_pieces
 from mjx_cutting.tracing.fitting.prediction import predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
 from mjx_cutting.tracing.fitting.screening import screen
 from mjx_cutting.tracing.passes import Pass, Searches, for_use, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import compress
-from mjx_cutting.tracing.records.zero import samples_a_turn
-from mjx_cutting.trials.dataset import Dataset
 
 _PROMISING = 0.2
 _BESIDE = 2
-_CHANGES = 0.1
 
 
 def by_place(first: Pass, moving: Sequence[type[AbstractEffect]], searches: Searches) -> Pass:
@@ -41,7 +36,7 @@ def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Cal
     if (
         not looked_for
         or any(kind.name == ENDS for kind in found.kinds)
-        or not _changes_at_an_end(found.dataset)
+        or not changes_at_an_end(found.dataset)
     ):
         return found
     searches = Searches(band_hz, (), seed, progress)
@@ -51,18 +46,6 @@ def in_ramps(found: Pass, band_hz: tuple[float, float], seed: int, progress: Cal
     progress("the ends of the sheet on the trials")
     better = _better_on_trials(_every_order(found, band_hz), over_pieces, anew=True)
     return better if any(kind.name == ENDS for kind in better.kinds) else found
-
-
-def _changes_at_an_end(dataset: Dataset) -> bool:
-    """Whether any cut begins or ends with another force, over a turn, than it has most of the time."""
-    for trial in dataset.trials:
-        if trial.kind == "cut":
-            turn = samples_a_turn(trial)
-            size = np.sqrt(uniform_filter1d(np.sum(trial.force_n**2, axis=1), turn))
-            level, first, last = np.median(size), size[turn // 2], size[-1 - turn // 2]
-            if max(abs(first - level), abs(last - level)) > _CHANGES * level:
-                return True
-    return False
 
 
 def _over_pieces(first: Pass, moving: Sequence[type[AbstractEffect]], searches: Searches) -> Pass | None:

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjx_cutting.trials.dataset import Array, Dataset, LeftOut, Sensor, ToolInfo, Trial
 from mjx_cutting.trials.idle import idle_cuts
@@ -81,7 +82,7 @@ def check_trial(trial: Trial, tool: ToolInfo, sensor: Sensor, axes: Sequence[str
         if not time_reasons:
             warnings += _check_aliasing(trial, tool, sensor)
             warnings += _check_measured_speed(trial)
-            warnings += _check_spikes(trial, axes)
+            warnings += _check_spikes(trial, channels, trial_spikes(trial, axes))
         warnings += _check_constant(channels)
     return Verdict(tuple(reasons), tuple(warnings))
 
@@ -284,14 +285,14 @@ def _check_standstill(trial: Trial, channels: Channels) -> list[str]:
     return reasons
 
 
-def _check_spikes(trial: Trial, axes: Sequence[str] | None) -> list[str]:
-    columns = dict(trial.columns(axes))
+def _check_spikes(trial: Trial, channels: Channels, found: dict[str, NDArray[np.int64]]) -> list[str]:
+    values = dict(channels)
     return [
         f"{name}: got {len(spikes)} samples far from their neighbours, up to "
-        f"{float(np.abs(columns[name][spikes]).max()):.4g} (first at {trial.time_s[spikes[0]]:.4g} s), "
+        f"{float(np.abs(values[name][spikes]).max()):.4g} (first at {trial.time_s[spikes[0]]:.4g} s), "
         "expected none; tracing and fit-gp put a line between the neighbours in their place: check cables "
         "and plugs."
-        for name, spikes in trial_spikes(trial, axes).items()
+        for name, spikes in found.items()
     ]
 
 

@@ -63,8 +63,7 @@ def find_spikes(signal: Array, turn_samples: float) -> NDArray[np.int64]:
 
 def trial_spikes(trial: Trial, axes: Sequence[str] | None = None) -> dict[str, NDArray[np.int64]]:
     """The spikes of a trial by column of its file; `axes` as in `Dataset`."""
-    rate_hz = (trial.samples - 1) / float(trial.time_s[-1] - trial.time_s[0])
-    turn = rate_hz / trial.spindle_speed_rev_s
+    turn = (trial.samples - 1) / trial.revolutions
     found = {name: find_spikes(values, turn) for name, values in trial.columns(axes)}
     return {name: spikes for name, spikes in found.items() if len(spikes)}
 

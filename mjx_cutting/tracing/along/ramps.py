@@ -11,16 +11,19 @@ from typing import ClassVar
 
 import numpy as np
 from jax import Array
+from scipy.ndimage import uniform_filter1d
 
 from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.entry_exit import EntryExit
 from mjx_cutting.tracing.along.ends import NO_END_M, NO_START_M, met_by, way_in_m
 from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.zero import samples_a_turn
 from mjx_cutting.trials.dataset import Dataset
 
 _UNIT_M = 5e-3
 _PLACES = 16
 _REACH = 0.3
+_CHANGES = 0.1
 
 
 class MovingEnds(EntryExit):
@@ -68,3 +71,15 @@ def ends_in_pieces(dataset: Dataset) -> list[type[EndInPieces]]:
             own = {"far": far, "places_m": places, "met_by": by_axis}
             kinds.append(type("EndInPieces", (EndInPieces,), own))
     return kinds
+
+
+def changes_at_an_end(dataset: Dataset) -> bool:
+    """Whether any cut begins or ends with another force, over a turn, than it has most of the time."""
+    for trial in dataset.trials:
+        if trial.kind == "cut":
+            turn = samples_a_turn(trial)
+            size = np.sqrt(uniform_filter1d(np.sum(trial.force_n**2, axis=1), turn))
+            level, first, last = np.median(size), size[turn // 2], size[-1 - turn // 2]
+            if max(abs(first - level), abs(last - level)) > _CHANGES * level:
+                return True
+    return False

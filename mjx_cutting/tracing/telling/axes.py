@@ -34,6 +34,8 @@ _POOR = 0.05
 _BETTER = 1.0 / 3.0
 _EFFECTS = 4
 _ABOUT_AS_WELL = 1.3
+OrderAndSigns = tuple[tuple[int, ...], tuple[float, ...]]
+_AS_IS: OrderAndSigns = ((0, 1, 2), (1.0, 1.0, 1.0))
 
 
 class Reading(NamedTuple):
@@ -128,21 +130,18 @@ class _Way(NamedTuple):
     """The base model where axis i is `way`[1][i] times what is now axis `way`[0][i]: the problem that is, its
     unknowns `x` [U], and the relative error it leaves."""
 
-    way: tuple[tuple[int, ...], tuple[float, ...]]
+    way: OrderAndSigns
     problem: Problem
     x: Array
     error: float
 
 
-_AS_IS = ((0, 1, 2), (1.0, 1.0, 1.0))
-
-
-def _ways() -> list[tuple[tuple[int, ...], tuple[float, ...]]]:
+def _ways() -> list[OrderAndSigns]:
     signs = [(x, y, 1.0) for x in (1.0, -1.0) for y in (1.0, -1.0)]
     return list(itertools.product(itertools.permutations(range(3)), signs))
 
 
-def _fitted(problem: Problem, lines: Lines, way: tuple[tuple[int, ...], tuple[float, ...]]) -> _Way:
+def _fitted(problem: Problem, lines: Lines, way: OrderAndSigns) -> _Way:
     index, sign = np.asarray(way[0]), jnp.asarray(way[1])
     turned = eqx.tree_at(
         lambda p: (p.whitened, p.weight, p.bias_spread_n),

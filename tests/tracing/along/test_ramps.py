@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.along.ramps import ends_in_pieces
+from mjx_cutting.tracing.along.ramps import changes_at_an_end, ends_in_pieces
 
 
 def test_places_are_looked_for_from_the_first_touch_on(mill):
@@ -16,6 +19,16 @@ def test_places_are_looked_for_from_the_first_touch_on(mill):
     assert (near.far, far.far) == (False, True)
     at_start = near.build([1.0, 0.4], None).values()
     assert at_start["start_m"] == pytest.approx(2e-3) and at_start["length_m"] >= 1e3
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_cut_that_begins_or_ends_with_another_force_is_seen(mill, side):
+    made = mill()
+    assert not changes_at_an_end(made)
+    last = made.trials[-1]
+    ramp = np.minimum(np.linspace(0.5, 3.0, last.samples)[::side], 1.0)
+    rising = replace(last, force_n=last.force_n * ramp[:, None])
+    assert changes_at_an_end(replace(made, trials=(*made.trials[:-1], rising)))
 
 
 @pytest.mark.slow
