@@ -141,7 +141,7 @@ class PeriodicPosterior(eqx.Module):
         counts = (products - jnp.floor(products)) * jnp.float32(_TURN)
         whole = jnp.floor(counts)
         rest = jnp.sum(counts - whole)
-        return jnp.sum(whole.astype(jnp.uint32)) + jnp.round(rest).astype(jnp.uint32)
+        return jnp.sum(whole.astype(jnp.uint32), dtype=jnp.uint32) + jnp.round(rest).astype(jnp.uint32)
 
 
 def evaluate(weights: Array, phase: Array) -> Array:

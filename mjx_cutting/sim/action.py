@@ -63,10 +63,10 @@ def internal_range(bounds: ActionLimits) -> tuple[np.ndarray, np.ndarray]:
 
 def follow(setpoint: Array, action: Array, bounds: ActionLimits, dt_s: float) -> Array:
     """[5] set-points after one policy step toward `action` [5]; NaN actions count as 0."""
-    low, high = (jnp.asarray(x, jnp.float32) for x in internal_range(bounds))
+    low, high = (jnp.asarray(x, float) for x in internal_range(bounds))
     wish = jnp.clip(jnp.where(jnp.isnan(action), 0.0, action), -1.0, 1.0)
     target = low + 0.5 * (wish + 1.0) * (high - low)
-    most = jnp.asarray(bounds.rate, jnp.float32) * dt_s
+    most = jnp.asarray(bounds.rate, float) * dt_s
     return jnp.clip(setpoint + jnp.clip(target - setpoint, -most, most), low, high)
 
 

@@ -59,7 +59,7 @@ class CuttingEnv:
         self.model = forces.saw_model(config, model)
         self._start_q = robot.solve_pose(
             self.robot, np.asarray([*config.start_m, config.surface_height_m - config.depth_m[0]])
-        ).astype(np.float32)
+        )
         self.plant = Plant(config, self.robot, self.model, self._engine(), self._held_frame(), disturbance)
         self.disturbance = disturbance
         self._bounds = actions.limits(config)
@@ -121,22 +121,22 @@ class CuttingEnv:
         gp = None
         if self.disturbance is not None and config.disturbance_mode != "none":
             gp = self.disturbance.draw(gp_key, mode=config.disturbance_draw)
-        zero = jnp.zeros((), jnp.float32)
-        setpoint = jnp.asarray(actions.log_start(config), jnp.float32)
+        zero = jnp.zeros((), float)
+        setpoint = jnp.asarray(actions.log_start(config), float)
         start = np.asarray([*config.start_m, config.surface_height_m - config.depth_m[0]])
         sim = SimState(
-            q=jnp.asarray(self._start_q),
-            qd=jnp.zeros(robot.JOINTS, jnp.float32),
+            q=jnp.asarray(self._start_q, float),
+            qd=jnp.zeros(robot.JOINTS, float),
             heights=self.plant.workpiece.fresh(episode.thickness_m),
             setpoint=setpoint,
             reference_m=zero,
             angle_rad=episode.spindle_angle_rad,
             memory=forces.memory(self.model),
             draw=gp,
-            filtered_n=jnp.zeros(3, jnp.float32),
+            filtered_n=jnp.zeros(3, float),
             cut_length_m=zero,
             time_s=zero,
-            tcp_m=jnp.asarray(start, jnp.float32),
+            tcp_m=jnp.asarray(start, float),
             key=key,
             episode=episode,
         )
@@ -212,7 +212,7 @@ class CuttingEnv:
         """All physics steps of a policy step."""
         config, disturbance = self.config, self.disturbance
         active = config.disturbance_mode != "none"
-        zero = jnp.zeros((), jnp.float32)
+        zero = jnp.zeros((), float)
         noise = None
         if active and config.disturbance_draw == "function_noise":
             noise = jax.random.normal(key, (config.substeps, 3)) * disturbance.noise_std_n
@@ -228,7 +228,7 @@ class CuttingEnv:
             body, sums, memory = self.plant.advance(body, sums, memory, orders, conditions, k, force)
             return (body, sums, memory, draw), None
 
-        steps = jnp.arange(config.substeps, dtype=jnp.float32)
+        steps = jnp.arange(config.substeps, dtype=float)
         (body, sums, memory, draw), _ = jax.lax.scan(one, (body, Sums.zero(), memory, draw), (steps, noise))
         return body, sums, memory, draw
 
@@ -269,15 +269,15 @@ class CuttingEnv:
             "contact_error_mm_s": sums.contact_error_m * (1e3 * share),
             "progress_m": sim.reference_m - before.pipeline_state.reference_m,
             "saturated_s": sums.saturated * share,
-            "completed": end.completed.astype(jnp.float32),
-            "failed": end.failed.astype(jnp.float32),
+            "completed": end.completed.astype(float),
+            "failed": end.failed.astype(float),
         }
         metrics = {name: jnp.where(finite, value, 0.0) for name, value in metrics.items()}
-        metrics["failed"] = end.failed.astype(jnp.float32)
-        metrics["nan"] = 1.0 - finite.astype(jnp.float32)
+        metrics["failed"] = end.failed.astype(float)
+        metrics["nan"] = 1.0 - finite.astype(float)
         value = sum(parts[name] for name in reward.TERMS)
         obs, clean = (jnp.where(finite, x, before.obs) for x in (obs, clean))
-        amounts = {"reward": value, "steps": jnp.ones((), jnp.float32), **metrics}
+        amounts = {"reward": value, "steps": jnp.ones((), float), **metrics}
         sums_before = before.info["episode_sums"]
         info = dict(
             before.info,
@@ -291,7 +291,7 @@ class CuttingEnv:
             pipeline_state=sim,
             obs=obs,
             reward=jnp.asarray(value),
-            done=(end.terminated | end.truncated).astype(jnp.float32),
+            done=(end.terminated | end.truncated).astype(float),
             metrics={**before.metrics, **parts, **metrics},
             info=info,
         )
@@ -299,10 +299,10 @@ class CuttingEnv:
     def _noise(self, key: Array) -> Array:
         """[3] noise of the mean of the force samples in one observation."""
         scale = np.asarray(self.config.force_noise_n) / np.sqrt(self.config.force_average_samples)
-        return jax.random.normal(key, (3,)) * jnp.asarray(scale, jnp.float32)
+        return jax.random.normal(key, (3,)) * jnp.asarray(scale, float)
 
     def _measure(self, force: Array, key: Array, episode: randomize.Episode) -> Array:
-        limit = jnp.asarray(self.config.force_range_n, jnp.float32)
+        limit = jnp.asarray(self.config.force_range_n, float)
         return jnp.clip(force + self._noise(key) + episode.bias_n, -limit, limit)
 
     def _engine(self) -> Any:

@@ -81,8 +81,8 @@ def base_force(tool: Tool, material: Material, cut: Cut, dt_s: float, speed_rev_
 
 
 def memory(model: ForceModel) -> Any:
-    """The model's memory at rest, as float32 arrays."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), model.init())
+    """The model's memory at rest, as arrays of the default precision."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), model.init())
 
 
 def _split(force: Array) -> Vector:

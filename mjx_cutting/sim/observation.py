@@ -45,4 +45,4 @@ def observe(
         jnp.reshape(depth_m, (1,)),
         jnp.log(stiffness_s2),
     ]
-    return jnp.concatenate(parts) / jnp.asarray(SCALES, jnp.float32)
+    return jnp.concatenate(parts) / jnp.asarray(SCALES, float)

@@ -87,16 +87,16 @@ def _material(
     index: Array, uniform: Array, config: EnvConfig, model_material: Material | None
 ) -> tuple[Material, Array]:
     table = np.asarray([_bounds(name) for name in config.materials])
-    low, high = jnp.asarray(table[:, 0], jnp.float32)[index], jnp.asarray(table[:, 1], jnp.float32)[index]
+    low, high = jnp.asarray(table[:, 0], float)[index], jnp.asarray(table[:, 1], float)[index]
     value = low[:4] + uniform * (high - low)[:4]
     tangential, edge = jnp.exp(value[0]), jnp.exp(value[1])
-    thickness = jnp.asarray(table[:, 0, 4], jnp.float32)[index]
+    thickness = jnp.asarray(table[:, 0, 4], float)[index]
     drawn = Material(tangential, edge, tangential * value[3], edge * jnp.exp(value[2]), 0.0, 0.0)
-    drawn = jax.tree.map(partial(jnp.asarray, dtype=jnp.float32), drawn)
+    drawn = jax.tree.map(partial(jnp.asarray, dtype=float), drawn)
     if model_material is None or MODEL_MATERIAL not in config.materials:
         return drawn, thickness
     own = index == config.materials.index(MODEL_MATERIAL)
-    given = jax.tree.map(partial(jnp.asarray, dtype=jnp.float32), model_material)
+    given = jax.tree.map(partial(jnp.asarray, dtype=float), model_material)
     return jax.tree.map(lambda a, b: jnp.where(own, a, b), given, drawn), thickness
 
 

@@ -36,8 +36,8 @@ def terms(
     force = sum(q * f for q, f in zip(config.reward_force_per_n2_s, force_squared_n2, strict=True))
     return {
         "reward_mrv": jnp.asarray(config.reward_mrv_per_mm3 * volume_mm3),
-        "reward_time": jnp.full(jnp.shape(volume_mm3), -config.reward_time_per_s * dt, jnp.float32),
+        "reward_time": jnp.full(jnp.shape(volume_mm3), -config.reward_time_per_s * dt, float),
         "reward_path": jnp.asarray(-path * dt),
         "reward_force": jnp.asarray(-force * dt),
-        "reward_failure": jnp.where(failed, config.failure_reward, 0.0).astype(jnp.float32),
+        "reward_failure": jnp.where(failed, config.failure_reward, 0.0).astype(float),
     }

@@ -99,7 +99,7 @@ class Sums(NamedTuple):
     @classmethod
     def zero(cls) -> Sums:
         """Nothing added up yet."""
-        zero = jnp.zeros((), jnp.float32)
+        zero = jnp.zeros((), float)
         vector = (zero,) * 3
         means, motion = (vector,) * 4, (vector,) * 3
         return cls(zero, zero, zero, *means, zero, zero, zero, zero, zero, *motion)
@@ -264,10 +264,10 @@ class Plant:
         """Conditions of the cut at the start of the step."""
         return Cut(
             angle_rad=body.angle_rad,
-            spindle_speed_rev_s=jnp.float32(self.config.spindle_speed_rev_s),
+            spindle_speed_rev_s=jnp.asarray(self.config.spindle_speed_rev_s, float),
             feed_speed_m_s=-motion.velocity_m_s[1],
             radial_depth_m=contact.engagement.depth_m,
-            axial_width_m=jnp.float32(self.config.kerf_m),
+            axial_width_m=jnp.asarray(self.config.kerf_m, float),
             entry_rad=contact.engagement.entry_rad,
             exit_rad=contact.engagement.exit_rad,
             position_m=contact.along_m,

@@ -67,7 +67,7 @@ class Workpiece:
     def take(self, heights: Array, first: Array) -> tuple[tuple[Array, ...], Array]:
         """Heights of the window's cells, one scalar each, and the path position of the first one's centre."""
         part = lax.dynamic_slice(heights, (first,), (self.window,))
-        centre = self.origin_m + (first.astype(jnp.float32) + 0.5) * self.cell_m
+        centre = self.origin_m + (first.astype(float) + 0.5) * self.cell_m
         return tuple(part[i] for i in range(self.window)), centre
 
     def put(self, heights: Array, part: tuple[Scalar, ...], first: Array) -> Array:

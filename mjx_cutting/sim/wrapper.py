@@ -88,8 +88,8 @@ class TrainingWrapper:
         steps = jnp.where(fresh_start, 0.0, own["steps"]) + self.action_repeat
         out_of_time = (steps >= self.episode_length) & ~after.info["terminated"]
         truncated = after.info["truncated"] | out_of_time
-        done = (after.info["terminated"] | truncated).astype(jnp.float32)
-        keep = 1.0 - fresh_start.astype(jnp.float32)
+        done = (after.info["terminated"] | truncated).astype(float)
+        keep = 1.0 - fresh_start.astype(float)
         totals = {
             name: own["episode_metrics"][name] * keep + value
             for name, value in {
@@ -102,7 +102,7 @@ class TrainingWrapper:
             after.info,
             truncated=truncated,
             steps=steps,
-            truncation=truncated.astype(jnp.float32),
+            truncation=truncated.astype(float),
             episode_done=done,
             episode_metrics=totals,
         )

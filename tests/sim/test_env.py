@@ -12,7 +12,7 @@ import pytest
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, Material, Tool, effect_class
 from mjx_cutting.disturbance.posterior import PeriodicPosterior
-from mjx_cutting.sim import CuttingEnv, EnvConfig
+from mjx_cutting.sim import CuttingEnv, EnvConfig, TrainingWrapper
 from mjx_cutting.sim.baseline import baseline_action
 from mjx_cutting.sim.env import METRICS
 from mjx_cutting.sim.reward import TERMS
@@ -189,6 +189,17 @@ def test_observation_disturbance_leaves_the_robot_alone():
     motion = [np.asarray(s.pipeline_state.q) for s in plain]
     np.testing.assert_array_equal(np.stack(motion), [np.asarray(s.pipeline_state.q) for s in observed])
     np.testing.assert_array_equal(plain[-1].reward, observed[-1].reward)
+
+
+def test_in_double_precision_the_state_is_double_and_stays_so():
+    config = EnvConfig(**SHORT, disturbance_mode="dynamics")
+    with _platform.x64():
+        env = TrainingWrapper(CuttingEnv(config, None, posterior()), episode_length=4)
+        first = env.reset(jax.random.split(jax.random.key(0), 2))
+        act = jnp.ones((2, 5))
+        last, _ = jax.lax.scan(lambda state, _: (env.step(state, act), None), first, None, 6)
+    assert last.obs.dtype == last.reward.dtype == last.pipeline_state.heights.dtype == jnp.float64
+    assert np.isfinite(np.asarray(last.obs)).all()
 
 
 def test_dynamics_disturbance_moves_the_robot():

@@ -99,6 +99,7 @@ def test_what_is_left_between_the_lines_is_noise(smoothed_s):
     assert _between(rest) < 1.5 * noise < 0.5 * _between(dataset)
 
 
+@pytest.mark.slow
 def test_teeth_that_are_not_alike_have_edges_of_their_own():
     """Edges as of teeth all alike leave more than noise beside the broken tooth that is found."""
     dataset = _straight_teeth(broken=True)

@@ -35,11 +35,13 @@ def _with_a_dull_sector(dataset: Dataset) -> Dataset:
     return replace(dataset, trials=tuple(trials))
 
 
+@pytest.mark.slow
 def test_a_dull_sector_is_not_called_runout():
     verdict = trace(_with_a_dull_sector(_cut()), effects=("radial_runout",)).verdict
     assert verdict["effects"] == [] and verdict["verdict"] == "unexplained"
 
 
+@pytest.mark.slow
 def test_runout_is():
     verdict = trace(_cut(Hidden(runout_m=6e-6)), effects=("radial_runout",)).verdict
     assert [each["name"] for each in verdict["effects"]] == [RadialRunout.name]

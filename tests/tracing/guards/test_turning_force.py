@@ -50,6 +50,7 @@ def _slots(*effects) -> Dataset:
     return Dataset(name="slots", tool=tool, sensor=Sensor(RATE_HZ, (NOISE_N,) * 3), trials=tuple(trials))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "named"),
     [

@@ -26,6 +26,7 @@ def by_speed(dataset: Dataset, counts: Sequence[int]) -> Dataset:
     return replace(dataset, trials=tuple(kept))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counts", [(3, 0, 1), (3, 1, 2)])
 def test_few_trials_of_which_the_fast_ones_gain_most_name_an_unbalance(hiding, counts):
     dataset = by_speed(hiding({"unbalance": {"moment_kg_m": MOMENT_KG_M, "phase_rad": 0.7}}, 403), counts)
@@ -48,6 +49,7 @@ def test_what_turns_with_the_spindle_in_one_trial_alone_is_no_unbalance(hiding, 
     assert not found["effects"]
 
 
+@pytest.mark.slow
 def test_what_takes_half_of_one_trial_and_most_of_the_others_is_not_in_every_trial():
     """A force that remembers bends with the load as a compliant arm does, not in each trial alike."""
     dataset = FEWER["five"](make("saw", {"previous_force": "strong"}, 700).dataset)

@@ -38,6 +38,7 @@ def test_a_drift_that_one_cold_trial_shows_most_is_not_called_wear():
     assert [each["name"] for each in found["effects"]] == ["thermal_drift"]
 
 
+@pytest.mark.slow
 def test_a_drift_is_looked_for_beside_wear_that_grows_within_the_holes():
     # What wear explains between the lines of a hole does not make what is left in its level any less.
     case = make("drill", {"flank_wear": "medium", "thermal_drift": "medium"}, 404)
