@@ -1,8 +1,9 @@
 """One trial unlike all others: a cable that came loose, a sensor that saturated, the wrong sheet.
 
-Where what is known does not explain all that is missing, and nearly all that is left is missing in one trial,
+Where what is known does not explain all that is missing, and either the model fitted without one trial leaves
+half as much of the others as one fitted without any other does, or most of what is left is missing in one,
 the others are traced without it. Only if that settles the matter, or at least halves what is left, is the
-trial left out, by name and with its figures.
+trial left out, by name and with its figures. (A trial unlike the others spoils the fit of all.)
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.trials.dataset import Dataset, LeftOut
 
 _FEWEST = 5
+_HALF = 0.5
 _MOST_OF_IT = 0.7
 _TIMES_THE_OTHERS = 3.0
 
@@ -29,15 +32,39 @@ def spoiled(dataset: Dataset, left: HeldOut) -> LeftOut | None:
     error, share = left.error_n2.sum(axis=1), left.per_trial
     if not _FEWEST <= len(error) == len(files):
         return None
+    beside = _of_the_others(left)
+    if beside is not None:
+        least, second = np.sort(beside)[:2]
+        worst = int(np.argmin(beside))
+        if least < _HALF * second:
+            return _unlike(files[worst], share[worst], least)
     worst = int(np.argmax(error))
     usual = float(np.median(np.delete(share, worst)))
     if error[worst] < _MOST_OF_IT * error.sum() or share[worst] < _TIMES_THE_OTHERS * usual:
         return None
+    return _unlike(files[worst], share[worst], usual)
+
+
+def _unlike(file: str, share: float, usual: float) -> LeftOut:
     return LeftOut(
-        files[worst],
-        f"got a trial of which {share[worst]:.0%} of the force is left unexplained, expected about the "
-        f"{usual:.1%} of the others; look at its record, and cut it again.",
+        file,
+        f"got a trial of which {share:.0%} of the force is left unexplained, expected about the {usual:.1%} "
+        "of the others; look at its record, and cut it again.",
     )
+
+
+def _of_the_others(left: HeldOut) -> NDArray[np.floating] | None:
+    """[R] share of the force of all other trials that the fit without one leaves of them; None where trials
+    were not left out one by one, or pieces of them were fitted."""
+    count = len(left.fold)
+    if left.fits is None or not np.array_equal(left.fold, np.arange(count)):
+        return None
+    in_lines = np.asarray(left.fits.error_n2).sum(axis=-1)
+    if in_lines.shape != (count, count):
+        return None
+    error = in_lines + np.maximum(left.error_n2.sum(axis=1) - np.diag(in_lines), 0.0)
+    others = 1.0 - np.eye(count)
+    return np.sqrt((others * error).sum(axis=1) / (others @ left.energy_n2.sum(axis=1)))
 
 
 def without(dataset: Dataset, trial: LeftOut) -> Dataset:

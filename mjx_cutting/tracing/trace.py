@@ -39,8 +39,9 @@ from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.passes import Pass, for_use, near_floor
 from mjx_cutting.tracing.records.followed_angle import as_followed
-from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels, zeros_known
 from mjx_cutting.tracing.records.lines import trusted_band
+from mjx_cutting.tracing.records.noise import noise_in_shares
 from mjx_cutting.tracing.records.spindle import as_turned
 from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
 from mjx_cutting.tracing.spoiled import spoiled, without
@@ -57,6 +58,7 @@ from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
+from mjx_cutting.tracing.telling.judged import Judged, judged
 from mjx_cutting.tracing.telling.ties import TIED
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import only_scatter, testable, verdict
@@ -131,11 +133,13 @@ def _with_every_trial_or_one_less(
     """`trace` of checked trials: of all, their columns read otherwise if need be, or without one spoiled."""
     said = dataset.axes
     found = _trace(dataset, said, band_hz, effects, seed, progress)
-    if said is None and (reading := found.reading or _reading(found)) is not None:
+    if (reading := found.reading or _reading(found)) is not None:
         progress(f"once more, the columns of force read as {list(reading.axes)}")
         otherwise = read_as(dataset, reading.axes)
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
-        if again.final.nrmse < _CLEARER * found.final.nrmse:
+        # what the data set says of its axes is doubted only where another reading explains everything
+        settled = said is None or again.verdict["verdict"] not in _OPEN
+        if settled and again.final.nrmse < _CLEARER * found.final.nrmse:
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
     if word not in _OPEN or (one := spoiled(found.dataset, found.final)) is None:
@@ -170,7 +174,7 @@ def _trace(
     # droop is not in lines read at the loaded speed, but in where they stand
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     levels = as_levels(dataset)
-    level = at_level(dataset, levels)
+    level, known = at_level(dataset, levels), zeros_known(dataset)
     dataset = as_followed(as_turned(levels))
     columns = other_columns(dataset, said)
     if BrokenTooth in kinds:
@@ -235,6 +239,8 @@ def _trace(
         grown = None
         if dataset.tool.kind not in LEVEL_KINDS:
             grown = growing_noise(found.after, dataset.sensor.sample_rate_hz, band)
+        by = _judged(found, known, grown)
+        zeros = by if by.own_zero else None
         word = verdict(
             found.dataset,
             found.lines,
@@ -245,6 +251,7 @@ def _trace(
             reasons,
             found.floor_nrmse,
             grown,
+            by,
         )
         if grown is not None:
             word["remaining"]["description"] += (
@@ -258,7 +265,7 @@ def _trace(
             word["remaining"]["description"] += f"; {unnamed}"
         above = above_band(found.dataset, found.model, band)
         zero = zero_in_air(found.dataset, found.model)
-        for told in (above, cut_down, zero, columns, level):
+        for told in (above, cut_down, zero, zeros, columns, level):
             if told is not None:
                 word["remaining"]["description"] += f"; {told}"
     return Tracing(
@@ -267,9 +274,18 @@ def _trace(
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, columns, level),
+        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, zeros, columns, level),
         reading=reading,
     )
+
+
+def _judged(found: Pass, zeros_known: bool, grown: float | None) -> Judged:
+    """The errors by which the word of the verdict is chosen."""
+    kind, floor = found.dataset.tool.kind, found.floor_nrmse
+    if kind == "drill":
+        floor = found.noise_over * noise_in_shares(found.dataset, found.lines)
+    errors, models = (found.search.base, found.final), (found.before, found.after)
+    return judged(kind, zeros_known, errors, models, max(floor, grown or 0.0))
 
 
 def _where_engaged(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -68,3 +70,25 @@ def test_what_is_missing_in_every_trial_spoils_none(mill):
     one = HeldOut(np.outer([1.0, 1.0, 60.0, 1.0, 1.0, 1.0], np.ones(3)), force, None, np.arange(6))
     found = spoiled(dataset, one)
     assert found is not None and found.file == "t03.csv"
+
+
+@pytest.mark.parametrize(("without_it", "found"), [(1.0, "t03.csv"), (7.0, None)])
+def test_a_trial_is_suspected_without_which_the_others_are_explained(mill, without_it, found):
+    """Its own error is no more than a third of all: it spoils the fit to the others as well."""
+    in_lines = np.full((6, 6, 3), 10.0)
+    in_lines[2] = without_it
+    in_lines[2, 2] = 25.0
+    error = np.diagonal(in_lines).T.copy()
+    fits = SimpleNamespace(error_n2=in_lines)
+    left = HeldOut(error, np.full((6, 3), 1e3), fits, np.arange(6))
+    told = spoiled(mill(), left)
+    assert (None if told is None else told.file) == found
+
+
+def test_a_sheet_of_another_material_is_left_out_though_it_spoils_all_fits(mill):
+    dataset = mill()
+    third = replace(dataset.trials[2], force_n=0.35 * dataset.trials[2].force_n)
+    trials = (*dataset.trials[:2], third, *dataset.trials[3:])
+    verdict = trace(replace(dataset, trials=trials), effects=["size_effect"]).verdict
+    assert verdict["verdict"] == "nothing missing"
+    assert [each["file"] for each in verdict["left_out"]] == ["t03.csv"]

@@ -100,10 +100,11 @@ def _layers_of(edge_share: float) -> Kind:
 
 
 def _mains(courses: Sequence[Course]) -> Array:
-    """[P, 1] the mains and two harmonics, as far as they stray, as finely as the longest trial can tell."""
+    """[P, 1] the mains and harmonics of it (a rectifier draws odd ones), as far as they stray, as finely as
+    the longest trial can tell."""
     top, longest = courses[0].band_hz[1], max(float(each.time_s[-1]) for each in courses)
     stray = np.arange(-_MAINS_STRAY_HZ, _MAINS_STRAY_HZ + 1e-9, min(0.125 / longest, _MAINS_STRAY_HZ))
-    lines = [(f + off) * n for f in (50.0, 60.0) for n in (1, 2, 3) for off in stray]
+    lines = [(f + off) * n for f in (50.0, 60.0) for n in _HARMONICS for off in stray]
     return np.asarray([[line] for line in lines if line < top])
 
 
@@ -166,6 +167,7 @@ def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
     return len(shares) >= _FEWEST_APART and abs(float(np.median(shares)) - 1.0) < _AS_LARGE
 
 
+_HARMONICS = (1, 2, 3, 5, 7)
 _MAINS_STRAY_HZ = 0.06
 _RESOLVED = 1.5
 _FEWEST_APART = 3

@@ -60,9 +60,9 @@ class Decision:
     """Whether a candidate is accepted; `reasons` says why not, one entry a failed test.
 
     `physical` is False where it explains what it does only with a parameter at the edge of its range;
-    `untold` is True where all that failed is what would tell it from another effect, `scattered` where it is
-    that the gain differs much from trial to trial, `unsure` where it is that or chance; `guarded` where it
-    passed every test and a guard refused it.
+    `untold` is True where all that failed is what would tell it from another effect, or that a frequency is
+    not known to a factor of two, `scattered` where it is that the gain differs much from trial to trial,
+    `unsure` where it is that or chance; `guarded` where it passed every test and a guard refused it.
     """
 
     accepted: bool
@@ -305,7 +305,8 @@ def decide(
         )
     nil = _no_effect(kind, parameters)
     reasons += nil.values()
-    reasons += [why for name in kind.sharp if (why := _blurred(name, parameters[name]))]
+    blurred = [why for name in kind.sharp if (why := _blurred(name, parameters[name]))]
+    reasons += blurred
     beyond = []
     for name, each in parameters.items():
         declared = kind.parameters[name]
@@ -317,7 +318,8 @@ def decide(
                 f"{declared.low:g} to {declared.high:g}"
             )
     reasons += beyond if in_range else []
-    untold = bool(nil) and kind.strength not in nil and len(reasons) == len(nil)
+    open_ones = len(nil) + len(blurred)
+    untold = open_ones > 0 and kind.strength not in nil and len(reasons) == open_ones
     unsure = bool(reasons) and len(reasons) == by_chance + scattered
     scattered = scattered and len(reasons) == 1
     return Decision(

@@ -5,6 +5,10 @@ square of the speed. Its gain then scatters over the trials as that of an accide
 of them. But an accident in one trial says nothing of the others: what it adds there has no likeness to what
 was left. So where most of what was left in the lines of every trial is taken away, and the likeness is the
 same in all of them, scatter of the gain is no argument.
+
+Of levels, of which each trial has one, some trials have nothing to gain: the constants went through theirs.
+There it is enough that nearly all is taken away of what was left in the levels of all held-out trials: what
+happened to one of them alone no fit to the others foretells.
 """
 
 from __future__ import annotations
@@ -19,9 +23,11 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut, by_trial
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.decision import CHANCE, surely
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 
 _LEFT = 0.25
+_LEFT_OF_LEVELS = 0.1
 _FEWEST = 3
 
 
@@ -30,7 +36,7 @@ def in_every_trial(
 ) -> bool:
     """Whether the last of `effects` takes three quarters of what was left in the lines of each held-out trial
     (squared, beyond the noise, or all but as much as that is), and is like it in each beyond what the best of
-    `tries` is by chance.
+    `tries` is by chance; of levels, nine tenths of what was left in all together.
 
     Arguments: `before`, `after` the errors without and with it.
     """
@@ -42,6 +48,8 @@ def in_every_trial(
         return by_trial(lines_of.reshape(len(lines_of), -1), lines.owner).sum(axis=1)
 
     noise, was, left = of_each(noise_squares(problem, lines)), of_each(old**2), of_each(new**2)
+    if problem.tool.kind in LEVEL_KINDS:
+        return bool(left.sum() < _LEFT_OF_LEVELS * was.sum())
     if len(was) < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
         return False
     likeness = of_each(old * added) / np.sqrt(np.maximum(was * of_each(added**2), 1e-300))

@@ -52,14 +52,24 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
     own, last = first.kind.size(problem.tool), second.kind.size(problem.tool)
     x = x if pair[1] is second else _exchanged(x, own, last)
+
+    def by_itself(told: Candidate, as_it_was: Candidate, beside: int) -> Candidate:
+        """What was found beside `beside` unknowns of another, as it does alone."""
+        if told.kind is as_it_was.kind:
+            return as_it_was
+        x, own = np.asarray(told.fit.x), told.kind.size(problem.tool)
+        start = np.concatenate([x[: len(x) - own - beside], x[len(x) - own :]])
+        return try_effect(contest, (*effects, told.kind), start, before, alone.before)
+
     later = _finest(contest, (*effects, first.kind, second.kind), x, first)
     last = later.kind.size(problem.tool)
     x = _exchanged(np.asarray(later.fit.x), last, own)
-    earlier = _finest(contest, (*effects, later.kind, first.kind), x, second)
+    earlier = _finest(contest, (*effects, later.kind, first.kind), x, by_itself(later, second, own))
     both = (*effects, earlier.kind, later.kind)
     if earlier.kind is not first.kind:
         x = _exchanged(np.asarray(earlier.fit.x), earlier.kind.size(problem.tool), last)
-        later = try_effect(contest, both, x, first.fit, first.heldout)
+        alone_so = by_itself(earlier, first, last)
+        later = try_effect(contest, both, x, alone_so.fit, alone_so.heldout)
     tries = contest.tries**2
     by_chance = beyond_chance(problem, contest.lines, effects, before, both, later.fit, tries)
     passed = earlier.decision.accepted and later.decision.accepted and by_chance <= CHANCE

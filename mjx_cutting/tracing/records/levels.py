@@ -68,6 +68,17 @@ def as_levels(dataset: Dataset) -> Dataset:
     return replace(levels, trials=tuple(replace(t, force_n=against * t.force_n) for t in trials))
 
 
+def zeros_known(dataset: Dataset) -> bool:
+    """Whether the zero of every trial as recorded is known: the sensor was zeroed once, or most cuts show the
+    air beside them; of a cutter it does not matter."""
+    if dataset.tool.kind not in LEVEL_KINDS or dataset.sensor.zeroed != "trial":
+        return True
+    kind = dataset.tool.kind
+    cuts = [_channels(trial, kind) for trial in dataset.trials if trial.kind == "cut"]
+    airs = [_beside_the_cut(trial, kind) for trial in cuts]
+    return 2 * sum(air is not None for air in airs) > len(airs) and not _go_with_the_cut(cuts, airs)
+
+
 def _as_on_a_lathe(dataset: Dataset, mean_n: Array) -> Dataset:
     """A turning tool's forces, [3] on the mean, in the axes of its base law, which `axes` then says: the
     largest is the main cutting force, along y, and the feed force is against x. What says so as it is stays,

@@ -29,27 +29,36 @@ def noise_floor(dataset: Dataset, lines: Lines, left: Sequence[Array] = ()) -> f
     Arguments: `left` [T, 3] what a model leaves of every cut trial: what it explains of the force between the
         lines, as of a feed that goes in steps, is no noise.
     """
-    rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
     force = np.sqrt(lines.energy_n2.sum() / (3.0 * lines.samples.sum()))
+    return float(np.sqrt(_power(dataset, lines, left).mean()) / max(force, 1e-12))
+
+
+def noise_in_shares(dataset: Dataset, lines: Lines) -> float:
+    """The same with every axis a share of its own force, as thrust and torque of a drill must be."""
+    force_n2 = lines.energy_n2.sum(axis=0) / lines.samples.sum()
+    measured = force_n2 > 0.0
+    return float(np.sqrt(np.mean(_power(dataset, lines, ())[measured] / force_n2[measured])))
+
+
+def _power(dataset: Dataset, lines: Lines, left: Sequence[Array]) -> NDArray[np.float64]:
+    """[3] mean square of the noise; of cutters alike on all axes."""
+    rate, band = dataset.sensor.sample_rate_hz, lines.band_hz
     air = [trial for trial in dataset.trials if trial.kind == "air"]
+    cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
     if air:
-        noise = np.sqrt(np.mean([np.mean(power_between_lines(trial.force_n, rate, band)) for trial in air]))
-    elif dataset.sensor.noise_std_n is not None and dataset.tool.kind != "drill":
+        return np.mean([power_between_lines(trial.force_n, rate, band) for trial in air], axis=0)
+    if dataset.sensor.noise_std_n is not None and dataset.tool.kind != "drill":
         share = (band[1] - band[0]) / (0.5 * rate)
-        noise = np.sqrt(np.mean(np.square(dataset.sensor.noise_std_n)) * share)
-    elif dataset.tool.kind in LEVEL_KINDS:
-        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
-        noise = np.sqrt(np.mean([np.mean(white_power(each, rate, band)) for each in cuts]))
-    else:
-        rest = lines.rest_n2.sum() / (3.0 * lines.samples.sum())
-        cuts = [trial.force_n for trial in dataset.trials if trial.kind == "cut"]
-        between = (
-            np.mean([np.mean(power_between_lines(each, rate, band)) for each in records])
-            for records in (cuts, left)
-            if len(records)
-        )
-        noise = np.sqrt(min(rest, *between))
-    return float(noise / max(force, 1e-12))
+        return np.square(dataset.sensor.noise_std_n) * share
+    if dataset.tool.kind in LEVEL_KINDS:
+        return np.mean([white_power(each, rate, band) for each in cuts], axis=0)
+    rest = lines.rest_n2.sum() / (3.0 * lines.samples.sum())
+    between = (
+        np.mean([np.mean(power_between_lines(each, rate, band)) for each in records])
+        for records in (cuts, left)
+        if len(records)
+    )
+    return np.full(3, min(rest, *between))
 
 
 def white_power(record: Array, rate_hz: float, band_hz: tuple[float, float]) -> NDArray[np.float64]:

@@ -3,11 +3,12 @@
 A sensor mounted another way round, or the force on the sheet taken for the one on the tool, leaves a base
 model that fits badly, whatever effect is then added. So where much is left with all effects found, the base
 model is fitted again to the forces read in every other way: axes exchanged, signs turned. One that leaves
-less than a third of the error is told; nothing is turned round unasked. A strong effect hides which reading
-that is, and then the one is taken in which an effect leaves far less than any does in the others. The sign
-along the tool's axis cannot be told from lines, for the axial constants may have either. Of a turning tool,
-of which other standards have the axes otherwise, the main cutting force is found (`levels`), and what was
-made of the columns is told.
+less than a third of the error is told, and the trials are traced so: where the data set says what its axes
+are, that is kept unless all is explained with the other reading. A strong effect hides which reading that is,
+and then the one is taken in which an effect leaves far less than any does in the others. The sign along the
+tool's axis cannot be told from lines, for the axial constants may have either. Of a turning tool, of which
+other standards have the axes otherwise, the main cutting force is found (`levels`), and what was made of the
+columns is told.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.fit import base_starts, fit
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
-from mjx_cutting.trials.dataset import Dataset, columns_to_process
+from mjx_cutting.trials.dataset import Dataset, columns_to_process, process_to_columns
 
 _BAD = 0.1
 _POOR = 0.05
@@ -64,19 +66,24 @@ def other_columns(dataset: Dataset, said: tuple[str, str, str] | None) -> str | 
         return None
     turned = "the largest as the main cutting force of a turning tool"
     why = turned if dataset.tool.kind == "turning" else "as which they are explained far better"
+    but = "" if said is None else f" and not, as dataset.json says, as {list(said)}"
     return (
-        f"the columns of force were read as {list(dataset.axes or ())}, {why}: say so in `axes` in "
+        f"the columns of force were read as {list(dataset.axes or ())}{but}, {why}: say so in `axes` in "
         "dataset.json, or check how the sensor is mounted"
     )
 
 
 def read_as(dataset: Dataset, axes: tuple[str, str, str]) -> Dataset:
-    """The data set, which says nothing of its axes, with the columns of force read as `axes`."""
+    """The data set with the columns of force read as `axes`."""
+
+    def again(force_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        return columns_to_process(process_to_columns(force_n, dataset.axes), axes)
+
     noise = dataset.sensor.noise_std_n
     if noise is not None and len(noise) == 3:
-        x, y, z = np.abs(columns_to_process(np.asarray(noise), axes)).tolist()
+        x, y, z = np.abs(again(np.asarray(noise))).tolist()
         noise = (x, y, z)
-    trials = (replace(t, force_n=columns_to_process(t.force_n, axes)) for t in dataset.trials)
+    trials = (replace(t, force_n=again(t.force_n)) for t in dataset.trials)
     sensor = replace(dataset.sensor, noise_std_n=noise)
     return replace(dataset, axes=axes, sensor=sensor, trials=tuple(trials))
 

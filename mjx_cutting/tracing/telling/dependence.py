@@ -27,6 +27,7 @@ from mjx_cutting.tracing.naming.decision import TOLERANCE
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis, order_of_columns
+from mjx_cutting.tracing.telling.judged import in_shares
 from mjx_cutting.tracing.telling.momentary import Momentary, momentary
 from mjx_cutting.tracing.telling.own_factor import OwnFactors, own_factors
 from mjx_cutting.trials.dataset import Dataset
@@ -95,6 +96,7 @@ def dependences(
     dataset: Dataset, predictions: Sequence[Prediction], teeth: int, orders: int
 ) -> tuple[Dependence, ...]:
     """All tests on the residuals of a dataset's cut trials, the strongest first."""
+    predictions = in_shares(predictions) if dataset.tool.kind == "drill" else predictions
     band = _independent_share(dataset, predictions)
     own = own_factors(predictions)
     # of a tool that is always engaged a trial has one level: without its factor nothing of that is left

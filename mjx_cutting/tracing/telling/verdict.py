@@ -22,6 +22,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import measured_speed
 from mjx_cutting.tracing.telling.dependence import Dependence
+from mjx_cutting.tracing.telling.judged import Judged
 from mjx_cutting.tracing.telling.own_factor import SCATTER
 from mjx_cutting.tracing.telling.ties import tie
 from mjx_cutting.tracing.telling.unseen import BESIDE_LINES, needs
@@ -45,6 +46,7 @@ def verdict(
     evidence: dict[str, list[str]],
     floor_nrmse: float,
     grown: float | None = None,
+    judged: Judged | None = None,
 ) -> dict[str, Any]:
     """The verdict as a dictionary ready for verdict.json.
 
@@ -55,9 +57,14 @@ def verdict(
         evidence: sentences for each accepted effect, by name.
         floor_nrmse: share of the force that the noise of the records is.
         grown: share of the force that is noise growing with it, where that is what the model leaves.
+        judged: the errors the word is chosen by; default those on held-out trials.
     """
+    end = final(found, slow)
     floor = max(floor_nrmse, grown or 0.0)
-    least = reached(floor, found.problem.tolerance)
+    judged = judged or Judged(found.base.nrmse, end.nrmse, floor)
+    least = reached(judged.floor, found.problem.tolerance)
+    if judged.own_zero:
+        before, after = ([each for each in some if each.covariate != "trial"] for some in (before, after))
     accepted = [each for each in found.rounds if each.accepted is not None]
     kinds = [each.accepted.kind for each in accepted if each.accepted is not None]
     # a second of one kind asks for no other cause than that which is there already
@@ -70,16 +77,16 @@ def verdict(
     for one in slow:
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
-    end = final(found, slow)
-    left = _left(after, less_scatter(end, after), floor, least)
+    error = less_scatter(judged.after, after)
+    left = _left(after, error, judged.floor, least)
     return {
         "format": FORMAT,
         "verdict": _word(
-            less_scatter(end, after),
+            error,
             least,
             bool(named),
             bool(ambiguous),
-            _shown(before, dataset, found.base, floor, least),
+            _shown(before, dataset, judged.before, judged.floor, least),
             left,
         ),
         "before": _errors(found.base, lines),
@@ -161,7 +168,7 @@ def _word(error: float, least: float, named: bool, tied: bool, shown: bool, left
     return "partly explained" if error > least or left else "explained"
 
 
-def _shown(before: Sequence[Dependence], dataset: Dataset, base: HeldOut, floor: float, least: float) -> bool:
+def _shown(before: Sequence[Dependence], dataset: Dataset, base: float, floor: float, least: float) -> bool:
     """Whether something is missing: the residual depends on something, or is clearly more than noise.
 
     Levels, of which a trial has one, scatter more than the noise within a trial. A small factor of each
@@ -188,13 +195,13 @@ def _left(after: Sequence[Dependence], error: float, floor: float, least: float)
     return [each for each in small if error > least or not _no_more_than_noise(each, floor, least)]
 
 
-def less_scatter(heldout: HeldOut, depends: Sequence[Dependence]) -> float:
-    """Heldout NRMSE less the small factors of each trial's own: on trials not seen they count more than once,
-    since the other trials' are in the constants."""
+def less_scatter(error: float, depends: Sequence[Dependence]) -> float:
+    """An `error` on held-out trials less the small factors of each trial's own: on trials not seen they count
+    more than once, since the other trials' are in the constants."""
     own = next(filter(_of_the_trial, depends), None)
     if own is None:
-        return heldout.nrmse
-    return min(heldout.nrmse, own.of_force * float(np.sqrt(1.0 / own.share - 1.0)))
+        return error
+    return min(error, own.of_force * float(np.sqrt(1.0 / own.share - 1.0)))
 
 
 def only_scatter(base: HeldOut, before: Sequence[Dependence], floor: float) -> bool:
@@ -202,7 +209,7 @@ def only_scatter(base: HeldOut, before: Sequence[Dependence], floor: float) -> b
     goes with nothing: what an effect explains of that, it explains by chance."""
     found = [each for each in before if each.found]
     scatter = bool(found) and all(map(_of_the_trial, found))
-    return scatter and less_scatter(base, before) <= AT_FLOOR * floor
+    return scatter and less_scatter(base.nrmse, before) <= AT_FLOOR * floor
 
 
 def _of_the_trial(each: Dependence) -> bool:

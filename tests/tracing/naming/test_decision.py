@@ -97,6 +97,8 @@ def test_a_resonance_that_is_not_known_to_an_octave_is_none(low, named):
     found = decide(RobotMode, BEFORE, BETTER, 1e-9, mode)
     assert found.accepted == named
     assert named or "not known to a factor of 2" in found.reasons[0]
+    # it explains as much as one that is known: which of them it is, is open
+    assert found.untold == (not named)
 
 
 @pytest.mark.parametrize(("strength", "untold"), [(0.2, True), (0.0, False)])

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.study import make
 from benchmarks.study.fewer import FEWER
+from mjx_cutting.cutting.effects.flank_wear import FlankWear
 from mjx_cutting.tracing import trace
+from mjx_cutting.tracing.naming.in_every_trial import in_every_trial
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 TRIED = ("unbalance", "radial_runout")
@@ -57,3 +60,16 @@ def test_what_takes_half_of_one_trial_and_most_of_the_others_is_not_in_every_tri
     first = found.search.rounds[0].candidates[0]
     assert first.kind.name == "static_compliance" and first.decision.scattered
     assert found.verdict["effects"] == []
+
+
+@pytest.mark.parametrize(("left", "nearly_all"), [(0.2, True), (1.5, False)])
+def test_of_levels_nearly_all_that_was_left_counts_whichever_trials_it_was_in(monkeypatch, left, nearly_all):
+    """The constants went through two of five levels: there is nothing to gain there."""
+    was = np.sqrt([9.4, 0.0, 0.0, 2.1, 2.6])[:, None]
+    now = np.sqrt([left, 0.0, 0.2, 0.0, 0.0])[:, None]
+    names = in_every_trial.__globals__
+    monkeypatch.setitem(names, "_left", lambda problem, lines, effects, _: now if effects else was)
+    monkeypatch.setitem(names, "noise_squares", lambda *_: np.zeros((5, 1)))
+    problem = SimpleNamespace(tool=SimpleNamespace(kind="turning"))
+    lines = SimpleNamespace(owner=np.arange(5))
+    assert in_every_trial(problem, lines, (FlankWear,), None, None, 10) is nearly_all

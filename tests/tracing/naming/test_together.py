@@ -8,12 +8,14 @@ import pytest
 from benchmarks.study import make
 from mjx_cutting import _platform
 from mjx_cutting.cutting import effect_class
+from mjx_cutting.cutting.effects.size_effect import SizeEffect
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import HeldOut, folds, held_out
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.fitting.screening import screen
-from mjx_cutting.tracing.naming.candidate import Contest, Round, try_effect
+from mjx_cutting.tracing.naming.by_direction import SizeEffectByDirection
+from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, try_effect
 from mjx_cutting.tracing.naming.together import _exchanged, _little_is_left, two_at_once
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.tracing.records.lines import compress, trusted_band
@@ -106,11 +108,11 @@ def _three_drills(rate_hz: float = 200.0) -> Dataset:
     return Dataset(**told, tool=ToolInfo("drill", 2, 0.007), sensor=sensor, trials=tuple(trials))
 
 
-def test_of_a_pair_each_is_told_as_finely_as_the_trials_show():
-    """Even wear beside the drift leaves too much to tell that these two are all; with its run-in, noise."""
-    kinds = [effect_class(name) for name in ("flank_wear", "thermal_drift")]
+def _at_once(dataset: Dataset, *names: str) -> tuple[HeldOut, Candidate, Candidate]:
+    """The error without and the two named at once."""
+    kinds = [effect_class(name) for name in names]
     with _platform.x64():
-        dataset = as_levels(_three_drills())
+        dataset = as_levels(dataset)
         lines = compress(dataset, trusted_band(dataset, None))
         problem, base = fit_base(pose(dataset, lines))
         fold = folds(dataset, 0)
@@ -120,8 +122,29 @@ def test_of_a_pair_each_is_told_as_finely_as_the_trials_show():
         tried = [try_effect(contest, (each.kind,), each.x, base, before) for each in screened]
         tried.sort(key=lambda each: each.heldout.nrmse)
         found = two_at_once(contest, (), base, Round(before, screened, tuple(tried), None))
-    assert found is not None
-    first, second = (each.accepted for each in found)
+    assert found is not None and found[0].accepted is not None and found[1].accepted is not None
+    return before, found[0].accepted, found[1].accepted
+
+
+def test_a_law_with_more_unknowns_beside_the_other_is_held_against_itself_alone(monkeypatch):
+    """An exponent for each direction, asked for only beside the drift."""
+    kind = type("SizeEffectByDirection", (SizeEffectByDirection,), {"apart": ("radial", "axial")})
+
+    def by_direction(found, contest, effects, before, heldout):
+        if found.kind is not SizeEffect:
+            return found
+        return try_effect(contest, (*effects[:-1], kind), np.append(found.fit.x, [0.0, 0.0]), before, heldout)
+
+    monkeypatch.setitem(two_at_once.__globals__, "finer", by_direction)
+    case = make("turning", {"size_effect": 2.0, "thermal_drift": 4.0}, 500)
+    before, first, second = _at_once(case.dataset, "size_effect", "thermal_drift")
+    assert {first.kind, second.kind} == {kind, effect_class("thermal_drift")}
+    assert second.heldout.nrmse < 0.3 * before.nrmse
+
+
+def test_of_a_pair_each_is_told_as_finely_as_the_trials_show():
+    """Even wear beside the drift leaves too much to tell that these two are all; with its run-in, noise."""
+    before, first, second = _at_once(_three_drills(), "flank_wear", "thermal_drift")
     assert [each.kind.name for each in (first, second)] == ["flank_wear", "thermal_drift"]
     land = second.fit.model.effects[0].values()
     assert float(land["run_in_m"]) == pytest.approx(0.14, rel=0.15)

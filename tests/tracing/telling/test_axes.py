@@ -66,9 +66,16 @@ def test_a_strong_effect_shows_which_reading_is_right_where_the_base_model_does_
     assert any("explained far better" in each for each in found.caveats)
 
 
-def test_what_the_data_set_says_of_its_axes_is_not_turned_round(mill):
+def test_what_the_data_set_says_of_its_axes_is_doubted_where_another_reading_explains_everything(mill):
     dataset = replace(_turned(mill(), ("+y", "-x", "+z")), axes=("+x", "+y", "+z"))
     found = trace(dataset, effects=())
+    assert found.dataset.axes == ("+y", "-x", "+z") and found.verdict["verdict"] == "nothing missing"
+    assert any("not, as dataset.json says, as ['+x', '+y', '+z']" in each for each in found.caveats)
+
+
+def test_what_the_data_set_says_of_its_axes_is_kept_where_another_reading_leaves_much(mill):
+    dataset = _turned(mill(Hidden(runout_m=1e-6)), ("+y", "-x", "+z"))
+    found = trace(replace(dataset, axes=("+x", "+y", "+z")), effects=())
     assert found.dataset.axes == ("+x", "+y", "+z") and found.verdict["verdict"] == "unexplained"
     assert found.reading is not None and found.reading.axes[:2] == ("+y", "-x")
 

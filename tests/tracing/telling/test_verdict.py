@@ -21,16 +21,16 @@ def _base(error: float) -> SimpleNamespace:
 def test_noise_that_remembers_is_nothing_missing(covariate, of_force, missing):
     """Levels of drills scatter beyond the noise, so that alone says nothing either."""
     memory = Dependence(covariate, 1e-9, 0.12, of_force, "memory")
-    assert told._shown([memory], DRILL, _base(0.04), floor=0.0136, least=0.015) is missing
+    assert told._shown([memory], DRILL, 0.04, floor=0.0136, least=0.015) is missing
     feed = Dependence("feed", 1e-9, 0.12, 0.012, "edge law")
-    assert told._shown([feed], DRILL, _base(0.04), floor=0.0136, least=0.015) is True
+    assert told._shown([feed], DRILL, 0.04, floor=0.0136, least=0.015) is True
 
 
 @pytest.mark.parametrize(("of_force", "missing"), [(0.007, False), (0.012, True)])
 def test_what_noise_would_hide_is_nothing_missing(of_force, missing):
     """A noise of .02 and .009 beside it leave .022, which counts as noise alone."""
     lines = Dependence("spindle order", 1e-9, 0.04, of_force, "runout")
-    assert told._shown([lines], MILL, _base(0.03), floor=0.02, least=0.022) is missing
+    assert told._shown([lines], MILL, 0.03, floor=0.02, least=0.022) is missing
     assert told._left([lines], error=0.021, floor=0.02, least=0.022) == ([lines] if missing else [])
     assert told._left([lines], error=0.023, floor=0.02, least=0.022) == [lines]
 
@@ -47,7 +47,7 @@ def test_forces_a_little_larger_in_some_trials_are_explained(factor, word):
     """Noise leaves .008 of the force; held out, each trial is off by its own factor as well."""
     share = 1.0 / (1.0 + (0.008 / factor) ** 2)
     own = Dependence("trial", 1e-9, share, factor, "sheets that are not alike", factor=factor)
-    error = told.less_scatter(_base(1.1 * factor), [own])
+    error = told.less_scatter(1.1 * factor, [own])
     assert error == pytest.approx(0.008 if factor < 0.02 else 1.1 * factor)
     assert told._word(error, 0.0093, named=True, tied=False, shown=True, left=[]) == word
 
