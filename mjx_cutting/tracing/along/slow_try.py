@@ -31,7 +31,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.decision import TOLERANCE, chance_over_trials, decide
 from mjx_cutting.tracing.records.course import Course
 
-FEWEST_REACHED = 4
+FEWEST_REACHED = 3
 IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
 _HATS = 24
 _HARDLY = 1e-3
