@@ -3,7 +3,8 @@
 Where what is known does not explain all that is missing, and either the model fitted without one trial leaves
 half as much of the others as one fitted without any other does, or most of what is left is missing in one,
 the others are traced without it. Only if that settles the matter, or at least halves what is left, is the
-trial left out, by name and with its figures. (A trial unlike the others spoils the fit of all.)
+trial left out, by name and with its figures. A trial unlike the others spoils the fit of all; but few levels
+are fitted well without any of them, so there only what each leaves by itself counts.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.trials.dataset import Dataset, LeftOut
 
 _FEWEST = 5
@@ -32,7 +34,7 @@ def spoiled(dataset: Dataset, left: HeldOut) -> LeftOut | None:
     error, share = left.error_n2.sum(axis=1), left.per_trial
     if not _FEWEST <= len(error) == len(files):
         return None
-    beside = _of_the_others(left)
+    beside = None if dataset.tool.kind in LEVEL_KINDS else _of_the_others(left)
     if beside is not None:
         least, second = np.sort(beside)[:2]
         worst = int(np.argmin(beside))

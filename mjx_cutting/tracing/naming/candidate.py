@@ -108,7 +108,9 @@ def judged(
     tolerance, axes = problem.tolerance, axes_of(problem.tool.kind)
     in_air = seen_in_air(problem, before, found, kind.size(problem.tool), contest.tries)
     decision = decide(kind, before_heldout, after, p, own, not in_air, tolerance, axes=axes)
-    if decision.scattered and in_every_trial(problem, lines, effects, before_heldout, after, contest.tries):
+    if decision.scattered and in_every_trial(
+        problem, lines, effects, before_heldout, after, contest.tries, p
+    ):
         decision = decide(kind, before_heldout, after, p, own, False, tolerance, axes=axes)
     if decision.accepted and (why := refusal(Gain(problem, lines, effects, before, found))) is not None:
         decision = replace(decision, accepted=False, reasons=(why,), guarded=True)

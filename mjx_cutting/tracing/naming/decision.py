@@ -212,13 +212,16 @@ def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple
 
     A model's error changes the size of an effect that the trials have `proven`; it does not undo it. So
     where the width would reach the value of no effect all the same, it is laid on a logarithmic scale from
-    there, within the physical range. What is fitted on a logarithmic scale is told on one.
+    there, within the physical range. What is fitted on a logarithmic scale is told on one, of a value with
+    one of no effect only where the width would reach below zero.
     """
     origin = 0.0 if declared.log and declared.identity is None else declared.identity
     if origin is None or value == origin:
         return value - wide, value + wide
     away = value - origin
-    if declared.identity is not None and (wide < abs(away) or not proven):
+    if declared.log and proven and wide >= value > 0.0:
+        away, origin = value, 0.0
+    elif declared.identity is not None and (wide < abs(away) or not proven):
         return value - wide, value + wide
     share = min(wide / abs(away), _WIDEST)
     low, high = sorted(origin + away * np.exp(sign * share) for sign in (-1.0, 1.0))
@@ -307,19 +310,21 @@ def decide(
     reasons += nil.values()
     blurred = [why for name in kind.sharp if (why := _blurred(name, parameters[name]))]
     reasons += blurred
-    beyond = []
+    beyond = {}
     for name, each in parameters.items():
         declared = kind.parameters[name]
         if declared.identity is None and declared.typical == 0.0:
             continue
         if _at_edge(each.value, declared):
-            beyond.append(
+            beyond[name] = (
                 f"{name} runs to {each.value:.3g}{_in(each.unit)}, the edge of its physical range "
                 f"{declared.low:g} to {declared.high:g}"
             )
-    reasons += beyond if in_range else []
-    open_ones = len(nil) + len(blurred)
-    untold = open_ones > 0 and kind.strength not in nil and len(reasons) == open_ones
+    reasons += beyond.values() if in_range else []
+    # of a mode that may be anywhere it says nothing to what edge its damping runs
+    left_open = len(nil) + len(blurred) + (len(beyond) if blurred and in_range else 0)
+    strong = kind.strength not in {*nil, *beyond}
+    untold = bool(nil or blurred) and strong and len(reasons) == left_open
     unsure = bool(reasons) and len(reasons) == by_chance + scattered
     scattered = scattered and len(reasons) == 1
     return Decision(

@@ -7,8 +7,8 @@ was left. So where most of what was left in the lines of every trial is taken aw
 same in all of them, scatter of the gain is no argument.
 
 Of levels, of which each trial has one, some trials have nothing to gain: the constants went through theirs.
-There it is enough that nearly all is taken away of what was left in the levels of all held-out trials: what
-happened to one of them alone no fit to the others foretells.
+There it is enough that nearly all is taken away of what was left in the levels of all held-out trials, for
+what happened to one of them alone no fit to the others foretells, and that the fit is beyond chance by far.
 """
 
 from __future__ import annotations
@@ -28,17 +28,25 @@ from mjx_cutting.tracing.records.lines import Lines
 
 _LEFT = 0.25
 _LEFT_OF_LEVELS = 0.1
+_BY_FAR = 1e-4
 _FEWEST = 3
 
 
 def in_every_trial(
-    problem: Problem, lines: Lines, effects: Effects, before: HeldOut, after: HeldOut, tries: int
+    problem: Problem,
+    lines: Lines,
+    effects: Effects,
+    before: HeldOut,
+    after: HeldOut,
+    tries: int,
+    by_chance: float = 0.0,
 ) -> bool:
     """Whether the last of `effects` takes three quarters of what was left in the lines of each held-out trial
     (squared, beyond the noise, or all but as much as that is), and is like it in each beyond what the best of
     `tries` is by chance; of levels, nine tenths of what was left in all together.
 
-    Arguments: `before`, `after` the errors without and with it.
+    Arguments: `before`, `after` the errors without and with it; `by_chance` probability that chance lowers
+        the error of the fit as much.
     """
     old = _left(problem, lines, effects[:-1], before)
     new = _left(problem, lines, effects, after)
@@ -49,7 +57,7 @@ def in_every_trial(
 
     noise, was, left = of_each(noise_squares(problem, lines)), of_each(old**2), of_each(new**2)
     if problem.tool.kind in LEVEL_KINDS:
-        return bool(left.sum() < _LEFT_OF_LEVELS * was.sum())
+        return bool(by_chance < _BY_FAR and left.sum() < _LEFT_OF_LEVELS * was.sum())
     if len(was) < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
         return False
     likeness = of_each(old * added) / np.sqrt(np.maximum(was * of_each(added**2), 1e-300))

@@ -13,6 +13,7 @@ from mjx_cutting.cutting.effects import (
     Ploughing,
     RadialRunout,
     RobotMode,
+    SensorLowpass,
     SensorResonance,
     SizeEffect,
     StaticCompliance,
@@ -323,3 +324,27 @@ def test_a_whole_number_that_no_fold_moved_is_known():
     assert (found.value, found.low, found.high) == (7.0, 7.0, 7.0)
     shape = interval(TorqueRipple, "phase_rad", 0.5, np.full(5, 0.5))
     assert (shape.low, shape.high) == pytest.approx((-np.pi, np.pi))
+
+
+def test_a_cutoff_that_may_be_far_off_is_told_between_positive_ends():
+    """Of one line that is weakened the cutoff is hardly known; that something weakens it is."""
+    folds = np.array([90.0, 240.0, 60.0, 110.0, 70.0, 95.0])
+    found = interval(SensorLowpass, "cutoff_hz", np.array(108.0), folds)
+    assert 5.0 <= found.low < 60.0 and 240.0 < found.high <= 2000.0
+    near = interval(SensorLowpass, "cutoff_hz", np.array(108.0), 108.0 + 0.01 * (folds - 108.0))
+    assert near.high - 108.0 == pytest.approx(108.0 - near.low)
+
+
+def test_of_a_mode_that_may_be_anywhere_the_damping_may_run_to_an_edge():
+    def decided(low_hz):
+        mode = {
+            "mass_ratio": Interval(0.15, 0.1, 0.2, "1"),
+            "frequency_hz": Interval(80.0, low_hz, 110.0, "Hz"),
+            "damping": Interval(0.005, 0.004, 0.006, "1"),
+            "direction_rad": Interval(0.0, -0.2, 0.2, "rad"),
+        }
+        return decide(RobotMode, BEFORE, BETTER, 1e-9, mode)
+
+    anywhere, known = decided(20.0), decided(75.0)
+    assert anywhere.untold and not anywhere.accepted
+    assert not known.untold and "damping runs to" in known.reasons[0]

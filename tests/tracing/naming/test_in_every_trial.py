@@ -62,8 +62,12 @@ def test_what_takes_half_of_one_trial_and_most_of_the_others_is_not_in_every_tri
     assert found.verdict["effects"] == []
 
 
-@pytest.mark.parametrize(("left", "nearly_all"), [(0.2, True), (1.5, False)])
-def test_of_levels_nearly_all_that_was_left_counts_whichever_trials_it_was_in(monkeypatch, left, nearly_all):
+@pytest.mark.parametrize(
+    ("left", "by_chance", "counts"), [(0.2, 1e-6, True), (1.5, 1e-6, False), (0.2, 4e-3, False)]
+)
+def test_of_levels_nearly_all_that_was_left_counts_whichever_trials_it_was_in(
+    monkeypatch, left, by_chance, counts
+):
     """The constants went through two of five levels: there is nothing to gain there."""
     was = np.sqrt([9.4, 0.0, 0.0, 2.1, 2.6])[:, None]
     now = np.sqrt([left, 0.0, 0.2, 0.0, 0.0])[:, None]
@@ -72,4 +76,4 @@ def test_of_levels_nearly_all_that_was_left_counts_whichever_trials_it_was_in(mo
     monkeypatch.setitem(names, "noise_squares", lambda *_: np.zeros((5, 1)))
     problem = SimpleNamespace(tool=SimpleNamespace(kind="turning"))
     lines = SimpleNamespace(owner=np.arange(5))
-    assert in_every_trial(problem, lines, (FlankWear,), None, None, 10) is nearly_all
+    assert in_every_trial(problem, lines, (FlankWear,), None, None, 10, by_chance) is counts
