@@ -240,7 +240,6 @@ def _trace(
         if dataset.tool.kind not in LEVEL_KINDS:
             grown = growing_noise(found.after, dataset.sensor.sample_rate_hz, band)
         by = _judged(found, known, grown)
-        zeros = by if by.own_zero else None
         word = verdict(
             found.dataset,
             found.lines,
@@ -265,7 +264,7 @@ def _trace(
             word["remaining"]["description"] += f"; {unnamed}"
         above = above_band(found.dataset, found.model, band)
         zero = zero_in_air(found.dataset, found.model)
-        for told in (above, cut_down, zero, zeros, columns, level):
+        for told in (by.by_axis, above, cut_down, zero, by.zeros, columns, level):
             if told is not None:
                 word["remaining"]["description"] += f"; {told}"
     return Tracing(
@@ -274,7 +273,7 @@ def _trace(
         depends_after=depends_after,
         verdict=word,
         unnamed=unnamed,
-        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, zeros, columns, level),
+        caveats=_caveats(found, reading, unnamed, above, cut_down, zero, by.zeros, columns, level),
         reading=reading,
     )
 

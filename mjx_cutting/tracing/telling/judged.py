@@ -26,14 +26,29 @@ _MOST_OF_A_ZERO = 0.1
 @dataclass(frozen=True)
 class Judged:
     """Shares of the force: the errors of the models `before` and `after`, and the noise `floor`; `own_zero`
-    that of the zeros of the trials, 0 where they are known."""
+    that of the zeros of the trials, 0 where they are known; `apart`: each axis is a share of itself."""
 
     before: float
     after: float
     floor: float
     own_zero: float = 0.0
+    apart: bool = False
 
-    def __str__(self) -> str:
+    @property
+    def by_axis(self) -> str | None:
+        """In words, what is left where each axis counts as a share of itself."""
+        if not self.apart:
+            return None
+        return (
+            f"thrust and torque, each as a share of itself, are left by {self.after:.1%}, and noise is "
+            f"{self.floor:.1%}"
+        )
+
+    @property
+    def zeros(self) -> str | None:
+        """In words, that the zeros of the trials are not known."""
+        if not self.own_zero:
+            return None
         return (
             f"the level of each trial is off by {self.own_zero:.1%} of the force in a way of its own, which "
             "its zero may be: the sensor was zeroed before every trial, and too few records show the air "
@@ -56,14 +71,14 @@ def judged(
         floor: noise as a share of the force; of a drill the mean over thrust and torque.
     """
     shares = [_in_shares(each) if kind == "drill" else each.nrmse for each in errors]
-    known = Judged(shares[0], shares[1], floor)
+    known = Judged(shares[0], shares[1], floor, apart=kind == "drill")
     if kind not in LEVEL_KINDS or zeros_known:
         return known
     before, after = (in_shares(each) if kind == "drill" else each for each in predicted)
     zero = _of_levels(after)
     if zero > _MOST_OF_A_ZERO:
         return known
-    return Judged(_within(before), _within(after), floor, zero)
+    return Judged(_within(before), _within(after), floor, zero, kind == "drill")
 
 
 def in_shares(predicted: Sequence[Prediction]) -> tuple[Prediction, ...]:

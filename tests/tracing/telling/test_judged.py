@@ -63,6 +63,7 @@ def test_what_the_torque_alone_does_is_missing_though_the_thrust_is_larger_in_nu
     said = trace(_holes(_jams), effects=()).verdict
     assert said["verdict"] == "unexplained"
     assert {"previous force", "time in trial"} & set(said["remaining"]["depends_on"])
+    assert "each as a share of itself" in said["remaining"]["description"]
 
 
 @pytest.mark.parametrize(("zeroed", "word"), [("trial", "nothing missing"), ("session", "unexplained")])
