@@ -278,13 +278,13 @@ def _trace(
     )
 
 
-def _judged(found: Pass, zeros_known: bool, grown: float | None) -> Judged:
-    """The errors by which the word of the verdict is chosen."""
+def _judged(found: Pass, known: bool, grown: float | None) -> Judged:
+    """The errors by which the word of the verdict is chosen; `known` whether the trials' zeros are."""
     kind, floor = found.dataset.tool.kind, found.floor_nrmse
     if kind == "drill":
         floor = found.noise_over * noise_in_shares(found.dataset, found.lines)
     errors, models = (found.search.base, found.final), (found.before, found.after)
-    return judged(kind, zeros_known, errors, models, max(floor, grown or 0.0))
+    return judged(kind, known, errors, models, max(floor, grown or 0.0))
 
 
 def _where_engaged(

@@ -2,10 +2,10 @@
 
 Thrust and torque of a drill have no common unit, and what is larger in number would speak for both: each
 counts as a share of itself. Of a sensor zeroed before every trial each record has a zero of its own; where
-none shows the air beside the cut, a level tells the zero as well as the force, and only what changes within
-the trials counts.
+most show no air beside the cut, a level tells the zero as well as the force, and only what changes within the
+trials counts, unless levels are off by more than a tenth of the force: that is no zero.
 
-The assumption that breaks it: zeros that are off by little of the force, a tenth at most.
+The assumption that breaks it: that what moves the levels a little is the zero. An effect that does may hide.
 """
 
 from __future__ import annotations
