@@ -28,6 +28,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.guards.now_and_then import rather_now_and_then
+from mjx_cutting.tracing.naming.wandering import rather_wandering
 from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.passes import Pass, Searches, missing, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -73,7 +74,7 @@ def once(
         found = searches.along(alone, alone.search.final)
     moving = [kind for kind in steady if kind.by_position]
     found = by_place(found, moving, replace(searches, posed=pose))
-    why = _rather_the_rest(found)
+    why = _rather_the_rest(found, steady)
     if why is None:
         return found
     bare = once(dataset, band_hz, kinds, (), seed, progress, posed)
@@ -90,13 +91,18 @@ def _less_edges_as_found(measured: Dataset, alone: Pass) -> Dataset | None:
     return as_found(measured, alone.lines, found.problem, found.final_fit.model, bias)
 
 
-def _rather_the_rest(found: Pass) -> str | None:
-    """Why the steady effects found are refused, by all that is missing or because they come and go; None
-    where they are not. Levels scatter from trial to trial by more than the noise within one, and there is no
-    telling of what part."""
-    if not found.search.effects or found.dataset.tool.kind in LEVEL_KINDS or near_floor(found):
+def _rather_the_rest(found: Pass, tried: Sequence[type[AbstractEffect]]) -> str | None:
+    """Why the steady effects found, of those `tried`, are refused: by all that is missing, because they come
+    and go, or of levels because the force wanders as much within the trials; None where they are not."""
+    result = found.search
+    if not result.effects or near_floor(found):
         return None
-    why = rather_the_rest(found.search.base, found.final, found.floor_nrmse)
+    if found.dataset.tool.kind in LEVEL_KINDS:
+        problem = result.problem
+        starts = sum(len(kind.starts(problem.tool)) for kind in tried)
+        known = np.asarray(result.base_fit.x), np.asarray(result.final_fit.x)
+        return rather_wandering(problem, result.effects, *known, found.after, starts)
+    why = rather_the_rest(result.base, found.final, found.floor_nrmse)
     if why is None and not found.along:
         passed = min(2.0 * found.lines.band_hz[1] / found.dataset.sensor.sample_rate_hz, 1.0)
         why = rather_now_and_then(found.before, found.after, found.floor_nrmse, passed)

@@ -3,7 +3,8 @@
 A tool that enters or leaves is short of force too, but the less the deeper in it is: its arc fills over some
 way; in the air all is missing. A softer layer is short by the same share all the way to its border. So one
 that reaches the end of the paths passes only where an even share, of less than half of the force, explains
-more than any that fades.
+more than any that fades. And of a layer that shows one border only, and that so wide that the force is even
+on one side of it nowhere, nothing is left but a slope: force that changes evenly with the place.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ _AIR = 0.5
 _LONGER = (1.0, 1.5, 2.0, 3.0)
 _POWERS = (1.0, 2.0)
 _SURELY = 1.05
+_EVEN_BESIDE = 0.5
 Array = NDArray[np.floating]
 
 
@@ -42,6 +44,24 @@ def at_the_end(courses: Sequence[Course], layer: AbstractEffect) -> str:
     return (
         f"force is missing over the {side} {1e3 * length:.1f} mm of the path: the tool enters or leaves the "
         "sheet there; cut the records down to where it is engaged"
+    )
+
+
+def rather_a_slope(courses: Sequence[Course], layer: AbstractEffect) -> str:
+    """Why a `layer` with its border settled is refused that is but a slope along the paths of `courses`;
+    empty where it is not."""
+    start, length, border = (float(layer.values()[name]) for name in ("start_m", "length_m", "border_m"))
+    low = min(float(each.position_m.min()) for each in courses)
+    high = max(float(each.position_m.max()) for each in courses)
+    first, last = start - 0.5 * border, start + length + 0.5 * border
+    within = min(last - border, high) - max(first + border, low)
+    beyond = max(first - low, high - last)
+    both_show = first > low and last < high
+    if both_show or min(within, beyond) > _EVEN_BESIDE * border:
+        return ""
+    return (
+        f"its one border that shows is {1e3 * border:.3g} mm wide, and the force is even on both sides of it "
+        "nowhere: it changes evenly with the place"
     )
 
 

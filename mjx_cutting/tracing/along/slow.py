@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.along.at_once import fitted_together, with_together
+from mjx_cutting.tracing.along.end_layer import rather_a_slope
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_the_chip
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound, less, without
@@ -114,12 +115,26 @@ def _search(
                 break
             open_ = [kind for kind in open_ if kind.several or kind.effect is not accepted.kind]
         if layers is not None:
-            rounds = with_together(rounds, layers, less(trials, rounds), weight)
+            rounds = _no_slope(with_together(rounds, layers, less(trials, rounds), weight), layers, trials)
+            if rounds[-1].accepted is None:
+                break
         left = less(trials, rounds)
-        before = rounds[-1].accepted.heldout if rounds[-1].accepted is not None else before
+        before = _left_by(rounds)
     for kind in kinds:
         rounds = with_together(rounds, kind, left, weight)
     return tuple(rounds)
+
+
+def _no_slope(rounds: list[SlowRound], layers: Kind, trials: Sequence[Course]) -> list[SlowRound]:
+    """The rounds, the last of them without the only layer found where, its border settled, it is a slope."""
+    one = rounds[-1].accepted
+    if one is None or one.kind is not layers.effect or len(_found(rounds, layers)) > 1:
+        return rounds
+    if not (why := rather_a_slope(trials, one.effect)):
+        return rounds
+    refused = replace(one, decision=replace(one.decision, accepted=False, reasons=(why,)))
+    tried = (refused if each is one else each for each in rounds[-1].candidates)
+    return [*rounds[:-1], SlowRound(rounds[-1].before, tuple(tried), None)]
 
 
 def _found(rounds: Sequence[SlowRound], kind: Kind) -> list[Array]:

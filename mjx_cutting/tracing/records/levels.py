@@ -5,7 +5,8 @@ forces of a turning tool, each at the steady part of the trial. A sensor zeroed 
 there but the cut, so no bias is fitted; where records that begin in the air (of a turning tool, or end in
 it: a drill rubs on its way out) show that it was not at zero, what it read there is taken off. Then a record
 without air does not tell its force, and is left out where enough others do. Of a sensor zeroed once a
-session, what it read there stands beside the cuts as cuts in air do.
+session, what it read there stands beside the cuts as cuts in air do, unless it is far from what those read:
+then the tool was in something softer.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ _AT_REST = 3.0
 _SHORTER = 0.8
 _FEWEST_ALIKE = 3
 _ONE_SHARE = 0.05
+_UNLIKE_AIR = 0.15
 _MAIN = 1.2
 _FEWEST_TOLD = 4
 _OFF = 0.02
@@ -58,6 +60,7 @@ def as_levels(dataset: Dataset) -> Dataset:
         trials = _at_zero(trials, airs)
         trials = [trial for trial in trials if trial.file not in {each.file for each in unknown}]
     else:
+        airs = _as_in_air(trials, airs, dataset.tool.kind)
         in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
     trials = [_level(trial) if trial.kind == "cut" else trial for trial in trials] + in_air
     levels = replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *unknown))
@@ -177,6 +180,22 @@ def _beside_the_cut(trial: Trial, kind: str) -> slice | None:
         return slice(0, before)
     after = _air(trial.force_n[::-1]) if kind == "turning" else 0
     return slice(len(trial.force_n) - after, len(trial.force_n)) if after else None
+
+
+def _as_in_air(trials: list[Trial], airs: list[slice | None], kind: str) -> list[slice | None]:
+    """What was taken for air, where cuts in air (if any) read much the same: their zero is that of all."""
+    read = [trial.force_n.mean(axis=0) for trial in trials if trial.kind == "air"]
+    if not read:
+        return airs
+    zero = np.median(read, axis=0)
+
+    def off(trial: Trial, air: slice) -> float:
+        beside, cut = (trial.force_n[part].mean(axis=0) - zero for part in (air, steady(trial.force_n)))
+        scale = np.abs(cut) if kind == "drill" else np.full(3, np.linalg.norm(cut))
+        return float(np.linalg.norm(beside / np.maximum(scale, 1e-12)))
+
+    pairs = zip(trials, airs, strict=True)
+    return [air if air is not None and off(trial, air) < _UNLIKE_AIR else None for trial, air in pairs]
 
 
 def _go_with_the_cut(trials: list[Trial], airs: list[slice | None]) -> bool:

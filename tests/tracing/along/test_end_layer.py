@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting import effect_class
-from mjx_cutting.tracing.along.end_layer import at_the_end
+from mjx_cutting.tracing.along.end_layer import at_the_end, rather_a_slope
 from mjx_cutting.tracing.records.course import Course
 
 BORDER_M, LONGEST_M = 3e-3, 10e-3
@@ -57,3 +57,19 @@ def test_a_layer_at_an_end_is_one_only_where_it_is_even(missing, word, from_the_
     why = at_the_end(_courses(missing, from_the_end), layer)
     assert (why == "") == (word == "")
     assert (word if from_the_end else word.replace("last", "first")) in why
+
+
+@pytest.mark.parametrize(
+    ("start_m", "length_m", "border_m", "refused"),
+    [
+        (-1e-3, 7e-3, 8e-3, True),
+        (5e-3, 9e-3, 9e-3, True),
+        (-1e-3, 7e-3, 1e-3, False),
+        (3e-3, 4e-3, 3.5e-3, False),
+    ],
+    ids=["slope down", "slope up", "one border", "both borders"],
+)
+def test_a_border_as_wide_as_the_paths_is_a_slope(start_m, length_m, border_m, refused):
+    layer = effect_class("layered_material")(-0.2, start_m, length_m, border_m)
+    why = rather_a_slope(_courses(lambda way: 0.0 * way, False), layer)
+    assert ("evenly with the place" in why) == refused and bool(why) == refused

@@ -63,3 +63,24 @@ def test_air_says_nothing_of_a_sensor_that_is_zeroed_before_each_trial():
         found = air_levels(replace(dataset, sensor=replace(dataset.sensor, zeroed="session")))
     assert found is not None
     np.testing.assert_allclose(found.level_n[0], [0.0, 0.0, BIAS_N], atol=0.1)
+
+
+@pytest.mark.parametrize(("share", "airs"), [(0.25, 1), (0.03, 2)])
+def test_a_cut_that_ends_in_something_soft_does_not_end_in_the_air(turning_cut, share, airs):
+    """The cut in air says what the sensor reads there; where it ends at a quarter of its force, it is not."""
+    generator, cutting, zero = (
+        np.random.default_rng(5),
+        np.array([-40.0, 80.0, -15.0]),
+        np.array([3.0, -5.0, 2.0]),
+    )
+    time = np.arange(500) / 500.0
+    there = np.where(time < 0.6, 1.0, share)
+    cut, air = (
+        turning_cut(time, np.outer(of_it, cutting) + zero + generator.normal(0.0, 0.5, (500, 3)), file=file)
+        for of_it, file in ((there, "1.csv"), (0.0 * time, "2.csv"))
+    )
+    trials = (cut, replace(air, kind="air"))
+    made = Dataset(
+        name="cuts", tool=ToolInfo("turning", 1, 0.03), sensor=Sensor(500.0, zeroed="session"), trials=trials
+    )
+    assert sum(trial.kind == "air" for trial in as_levels(made).trials) == airs
