@@ -28,8 +28,8 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.guards.now_and_then import rather_now_and_then
-from mjx_cutting.tracing.naming.wandering import rather_wandering
 from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
+from mjx_cutting.tracing.naming.wandering import rather_wandering
 from mjx_cutting.tracing.passes import Pass, Searches, missing, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, band_limit
