@@ -57,7 +57,7 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
     touched = [part.touched_m.get(file, (-np.inf, np.inf)) for file in files]
     ends = np.array([_ends(each, *own, weight) for each, own in zip(outside, touched, strict=True)])
     reach = np.array([each.reach_m for each in outside])
-    found = _one_place(ends[:, 0], reach)
+    found = None if part.from_the_edge else _one_place(ends[:, 0], reach)
     if found is not None:
         start, by_axis = found
         ends[:, 0] = start.value - by_axis * reach

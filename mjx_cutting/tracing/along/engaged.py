@@ -4,12 +4,14 @@ Where the sheet ends at one place for all trials, `sheet` finds that place and h
 geometry. A recorder that was started by hand, or sheets clamped anew, show the same ramps at other places in
 every trial. Lines of a whole record then mix cut and air, and nothing that is found on them can be believed.
 So if the force, over one revolution, is next to none at the beginning or the end of records, those are cut
-down to where it has reached its level and the arc, by geometry, has become full.
+down to where it has reached its level and the arc, by geometry, has become full. A line once a turn is no
+cut: an unbalance is there in the air too. What the sheet is like at a place counts from its edge, so where
+no position was measured and all records show the touch, but at places of their own, places do too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +38,7 @@ _FEWEST_IN_AIR = 10
 _FEWEST_A_PITCH = 4
 _LONGER = 1.5
 _LEAST_SHARE = 1.0 / 3.0
+_AT_ONE_PLACE = 0.1
 Array = NDArray[np.floating]
 
 
@@ -43,12 +46,14 @@ Array = NDArray[np.floating]
 class Engaged:
     """The trials cut down. Fields: `dataset`; `spans_s` first and last time kept of every trial that was cut
     down, by file; `whole` the same trials with all of their records; `touched_m` where along the path the
-    force of those begins and ends, by file, m, infinite at an end that lies in the cut."""
+    force of those begins and ends, by file, m, infinite at an end that lies in the cut; `from_the_edge`
+    whether places count from where the axis crosses the edge of the sheet, at a place of its own in each."""
 
     dataset: Dataset
     spans_s: dict[str, tuple[float, float]]
     whole: Dataset
     touched_m: dict[str, tuple[float, float]]
+    from_the_edge: bool = False
 
     def __str__(self) -> str:
         said = "the tool enters or leaves the sheet within records"
@@ -67,6 +72,14 @@ def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
     stays = {file: stay for file, stay in found.items() if stay is not None}
     if not any(stay.outside_turns >= shown_by_turns for stay in stays.values()):
         return None
+    edges_m = _edges_m(cuts, stays, dataset.tool)
+    if edges_m:
+        counted = tuple(
+            _counted_from(trial, edges_m[trial.file]) if trial.file in edges_m else trial
+            for trial in dataset.trials
+        )
+        dataset = replace(dataset, trials=counted)
+        stays = {file: stay.counted_from(edges_m[file]) for file, stay in stays.items()}
     shown = all(trial.file in stays and stays[trial.file].air >= _FEWEST_IN_AIR for trial in cuts)
     zeroed = shown and dataset.sensor.zeroed == "trial"
     read = [_at_zero(trial, stays) if zeroed else trial for trial in dataset.trials]
@@ -83,7 +96,7 @@ def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
     if zeroed:
         air = _air(max(cuts, key=lambda trial: stays[trial.file].air), stays)
         rest = replace(rest, trials=(*rest.trials, air))
-    return Engaged(rest, spans, whole, {file: stays[file].touched_m for file in spans})
+    return Engaged(rest, spans, whole, {file: stays[file].touched_m for file in spans}, bool(edges_m))
 
 
 def mostly_in_the_cut(dataset: Dataset) -> bool:
@@ -151,6 +164,32 @@ class _Stay:
     touched_m: tuple[float, float]
     outside_turns: float
 
+    def counted_from(self, place_m: float) -> _Stay:
+        """The same, places counted from one of them."""
+        first, last = self.touched_m
+        return replace(self, touched_m=(first - place_m, last - place_m))
+
+
+def _edges_m(cuts: Sequence[Trial], stays: Mapping[str, _Stay], tool: ToolInfo) -> dict[str, float]:
+    """By file, where along its path the axis crosses the edge of the sheet, m, where no position was measured
+    and every cut shows the touch, at a place of its own whether it is the rim or the axis that meets it."""
+    if any(t.position_m is not None or t.file not in stays for t in cuts):
+        return {}
+    touched = np.array([stays[trial.file].touched_m[0] for trial in cuts])
+    reach = np.array([float(way_in_m(trial.radial_depth_m, tool.diameter_m)) for trial in cuts])
+    if not np.all(np.isfinite(touched)):
+        return {}
+    apart = min(float(np.ptp(touched)), float(np.ptp(touched + reach)))
+    if apart <= _AT_ONE_PLACE * float(reach.min()):
+        return {}
+    return dict(zip((trial.file for trial in cuts), (touched + reach).tolist(), strict=True))
+
+
+def _counted_from(trial: Trial, place_m: float) -> Trial:
+    """A trial of which the place along the path is counted from one of them."""
+    place = along_path(trial) - place_m
+    return replace(trial, position_m=np.column_stack([place, np.zeros((len(place), 2))]))
+
 
 def touches_m(dataset: Dataset) -> NDArray[np.floating]:
     """[R] position along the path where each cut trial first touches, m; nan where it begins in the cut."""
@@ -190,7 +229,23 @@ def _sizes(trial: Trial, teeth: int, zero_n: Array) -> tuple[NDArray[np.int64], 
     )
     level = float(np.percentile(over_turn, _USUAL))
     # of a record of no force at all every sample is at its level
-    return np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level)
+    touching, full = np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level)
+    cutting = np.flatnonzero(_beside_once_a_turn(trial, turn, energy, zero_n) >= _AIR * level)
+    if cutting.size:
+        surely, last = SURELY_TURNS * turn, len(energy) - 1
+        # a tool that balances is known to touch by the sample
+        begin = int(cutting[0]) if touching[0] < turn and cutting[0] > surely else 0
+        end = int(cutting[-1]) if touching[-1] > last - turn and cutting[-1] < last - surely else last
+        touching = touching[(touching >= begin) & (touching <= end)]
+    return touching, full
+
+
+def _beside_once_a_turn(trial: Trial, turn: int, energy: Array, zero_n: Array) -> Array:
+    """[T] size of the force over a turn, N, without what goes round once in it; `energy` [T] its square."""
+    wave = np.exp(-2j * np.pi * trial.spindle_speed_rev_s * trial.time_s)[:, None] * (trial.force_n - zero_n)
+    once = uniform_filter1d(wave, turn, axis=0, mode="nearest")
+    rest = uniform_filter1d(energy, turn, mode="nearest") - 2.0 * np.sum(np.abs(once) ** 2, axis=1)
+    return np.asarray(np.sqrt(np.maximum(rest, 0.0)))
 
 
 def _stay(trial: Trial, tool: ToolInfo, zero_n: Array) -> _Stay | None:

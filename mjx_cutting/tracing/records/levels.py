@@ -29,6 +29,7 @@ _SHORTER = 0.8
 _FEWEST_ALIKE = 3
 _ONE_SHARE = 0.05
 _UNLIKE_AIR = 0.15
+PLACES_APART_M = 1e-4
 _MAIN = 1.2
 _FEWEST_TOLD = 4
 _OFF = 0.02
@@ -49,23 +50,33 @@ def as_levels(dataset: Dataset) -> Dataset:
     """
     if dataset.tool.kind not in LEVEL_KINDS:
         return dataset
-    trials = [_channels(trial, dataset.tool.kind) for trial in dataset.trials]
-    airs = [_beside_the_cut(trial, dataset.tool.kind) for trial in trials]
-    if _go_with_the_cut(trials, airs):
+    kind = dataset.tool.kind
+    trials = [_channels(trial, kind) for trial in dataset.trials]
+    once = dataset.sensor.zeroed != "trial"
+    known = _less_the_air(trials) if once else trials
+    airs = [_beside_the_cut(trial, kind) for trial in known]
+    if _go_with_the_cut(known, airs):
         airs = [None] * len(trials)
     in_air: list[Trial] = []
     unknown: tuple[LeftOut, ...] = ()
-    if dataset.sensor.zeroed == "trial":
-        unknown = _of_unknown_zero(trials, airs, dataset.tool.kind)
+    if once:
+        airs = _as_in_air(known, airs, kind)
+        known = _at_zero(known, airs)
+        in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
+    else:
+        unknown = _of_unknown_zero(trials, airs, kind)
         trials = _at_zero(trials, airs)
         trials = [trial for trial in trials if trial.file not in {each.file for each in unknown}]
-    else:
-        airs = _as_in_air(trials, airs, dataset.tool.kind)
-        in_air = [_air_of(trial, air) for trial, air in zip(trials, airs, strict=True) if air is not None]
-    trials = [_level(trial) if trial.kind == "cut" else trial for trial in trials] + in_air
+        known = trials
+    begins = _begins_m(known)
+    cut = [
+        _level(trial, steady(one.force_n), begins.get(trial.file, 0.0)) if trial.kind == "cut" else trial
+        for trial, one in zip(trials, known, strict=True)
+    ]
+    trials = cut + in_air
     levels = replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *unknown))
     mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
-    if dataset.tool.kind == "turning":
+    if kind == "turning":
         return _as_on_a_lathe(levels, mean)
     against = np.where(mean < 0.0, -1.0, 1.0)
     return replace(levels, trials=tuple(replace(t, force_n=against * t.force_n) for t in trials))
@@ -107,9 +118,23 @@ def _as_on_a_lathe(dataset: Dataset, mean_n: Array) -> Dataset:
     )
 
 
-def _level(trial: Trial) -> Trial:
-    """The steady part of a trial, at what was fed over it on the mean where that was measured."""
-    level = part_of(trial, along_path(trial), steady(trial.force_n))
+def _begins_m(trials: list[Trial]) -> dict[str, float]:
+    """By file, how far along its path each cut has come when it touches, where that was not measured, shows
+    in all of them, and differs: what the work is like at a place counts from its surface."""
+    found = {}
+    for trial in (trial for trial in trials if trial.kind == "cut"):
+        size, usual = sizes(trial.force_n)
+        first = int(np.argmax(size > IN_CUT * usual))
+        if first < _FEWEST_IN_AIR or trial.position_m is not None:
+            return {}
+        found[trial.file] = float(along_path(trial)[first])
+    return found if np.ptp(list(found.values()) or [0.0]) > PLACES_APART_M else {}
+
+
+def _level(trial: Trial, steady_part: slice, begins_m: float) -> Trial:
+    """The steady part of a trial, at what was fed over it on the mean where that was measured; its place
+    counts from where along the path the work begins."""
+    level = part_of(trial, along_path(trial) - begins_m, steady_part)
     measured = level.feed_speed_measured_m_s
     fed = 0.0 if measured is None else float(np.mean(measured))
     return replace(level, feed_speed_m_s=fed) if fed > 0.0 else level
@@ -182,15 +207,30 @@ def _beside_the_cut(trial: Trial, kind: str) -> slice | None:
     return slice(len(trial.force_n) - after, len(trial.force_n)) if after else None
 
 
+def _less_the_air(trials: list[Trial]) -> list[Trial]:
+    """The trials less what cuts in air, if any, read at their time of the clock: a zero may have drifted."""
+    airs = sorted((each for each in trials if each.kind == "air"), key=lambda each: each.clock_start_s)
+    if not airs:
+        return trials
+    clock, read = (
+        [each.clock_start_s for each in airs],
+        np.stack([each.force_n.mean(axis=0) for each in airs]),
+    )
+
+    def zero(trial: Trial) -> Array:
+        return np.array([np.interp(trial.clock_start_s, clock, each) for each in read.T])
+
+    return [replace(trial, force_n=trial.force_n - zero(trial)) for trial in trials]
+
+
 def _as_in_air(trials: list[Trial], airs: list[slice | None], kind: str) -> list[slice | None]:
-    """What was taken for air, where cuts in air (if any) read much the same: their zero is that of all."""
-    read = [trial.force_n.mean(axis=0) for trial in trials if trial.kind == "air"]
-    if not read:
+    """What was taken for air, but where it is far from what cuts in air, if any, read: that the `trials` are
+    less already."""
+    if not any(trial.kind == "air" for trial in trials):
         return airs
-    zero = np.median(read, axis=0)
 
     def off(trial: Trial, air: slice) -> float:
-        beside, cut = (trial.force_n[part].mean(axis=0) - zero for part in (air, steady(trial.force_n)))
+        beside, cut = (trial.force_n[part].mean(axis=0) for part in (air, steady(trial.force_n)))
         scale = np.abs(cut) if kind == "drill" else np.full(3, np.linalg.norm(cut))
         return float(np.linalg.norm(beside / np.maximum(scale, 1e-12)))
 

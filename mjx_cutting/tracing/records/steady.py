@@ -2,8 +2,8 @@
 
 Such a tool comes in over its point or its lead angle, the force with it, on a ramp that at a low feed may be
 longer than all that follows; then it bends into a level. That bend is where two straight lines that meet
-leave least. Where there is none, ends at which the tool comes in or goes out are trimmed by a tenth of the
-cut.
+leave least; where it goes out over a ramp as well, both bends are looked for at once, with a level between
+them. Where there is none, ends at which the tool comes in or goes out are trimmed by a tenth of the cut.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ _TRIMMED = 0.1
 _AT_LEVEL = 0.9
 _FEWEST = 8
 _BINS = 100
+_FEWER_BINS = 50
 _SHORTEST = 0.1
 _RISE = 0.2
 _FLAT = 0.05
@@ -32,6 +33,8 @@ def steady(force: Array) -> slice:
     if len(inside) < _FEWEST:
         return slice(None)
     first, last = int(inside[0]), int(inside[-1]) + 1
+    if (between := _between_ramps(size[first:last])) is not None:
+        return slice(first + between.start, first + between.stop)
     trim = int(_TRIMMED * (last - first))
     ramp, end = _ramp(size[first : last - trim]), _ramp(size[first + trim : last][::-1])
     comes_in = first > 0 or _rises(size[first : first + trim])
@@ -67,6 +70,34 @@ def _ramp(size: Array) -> int:
         return 0
     # a ramp need not be quite straight, and the bend is somewhere within a bin
     return (bend + int(_SHORTEST * (_BINS - bend))) * each
+
+
+def _between_ramps(size: Array) -> slice | None:
+    """Samples of a stretch [T] at its level between a ramp up and one down; None where it is not of the kind,
+    or hardly a tenth of it is level."""
+    each = len(size) // _FEWER_BINS
+    if each == 0:
+        return None
+    level = size[: each * _FEWER_BINS].reshape(_FEWER_BINS, each).mean(axis=1)
+    place = np.arange(_FEWER_BINS) + 0.5
+    shortest = int(_SHORTEST * _FEWER_BINS)
+    bends = [
+        (up, down) for up in range(1, _FEWER_BINS - shortest) for down in range(up + shortest, _FEWER_BINS)
+    ]
+    up, down = (np.asarray(bend)[:, None] for bend in zip(*bends, strict=True))
+    ramps = np.minimum(place - up, 0.0), np.minimum(down - place, 0.0)
+    lines = np.stack([np.ones_like(ramps[0]), *ramps], axis=-1)
+    square = np.einsum("ptk,ptl->pkl", lines, lines)
+    fits = np.linalg.solve(square, (lines.swapaxes(1, 2) @ level)[..., None])[..., 0]
+    left = np.sum((level - np.einsum("ptk,pk->pt", lines, fits)) ** 2, axis=1)
+    best = int(np.argmin(left))
+    reached, rise, fall = fits[best]
+    first, last = bends[best]
+    long = min(rise * first, fall * (_FEWER_BINS - last)) >= _RISE * reached
+    if not long or np.sqrt(left[best] / _FEWER_BINS) > _CLOSE * reached:
+        return None
+    inward = int(_SHORTEST * (last - first) * each)
+    return slice(first * each + inward, last * each - inward)
 
 
 def _rises(size: Array) -> bool:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+import numpy as np
+
+from mjx_cutting.tracing.records.course import along_path
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS, PLACES_APART_M
 from mjx_cutting.trials.dataset import Dataset
 
 _SAMPLES = 1.5
@@ -28,8 +31,21 @@ def at_level(records: Dataset, traced: Dataset) -> str | None:
             told.append(f"{trial.file} {low:.2f} to {high:.2f} of {begin:.2f} to {end:.2f} s")
     if not told:
         return None
+    counted = "; places count from where each touches the work" if _from_the_touch(records, traced) else ""
     more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
     return (
         f"judged was the level of each trial ({', '.join(told[:_SHOWN])}{more}): what the force does while "
-        "the tool comes in or goes out was not traced"
+        f"the tool comes in or goes out was not traced{counted}"
     )
+
+
+def _from_the_touch(records: Dataset, traced: Dataset) -> bool:
+    """Whether the places of the trials traced are not those along the records."""
+    whole = {trial.file: trial for trial in records.trials}
+    for trial in traced.trials:
+        of = whole.get(trial.file)
+        if trial.kind == "cut" and of is not None:
+            recorded = np.interp(trial.time_s[0], of.time_s, along_path(of))
+            if abs(recorded - along_path(trial)[0]) > PLACES_APART_M:
+                return True
+    return False

@@ -10,6 +10,7 @@ import pytest
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.ends import way_in_m
 from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged, mostly_in_the_cut
+from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
 
@@ -52,8 +53,45 @@ def test_a_record_that_ends_on_the_way_out_is_kept_to_where_the_arc_is_full(mill
     found = engaged(replace(dataset, trials=(dataset.trials[0], short, *dataset.trials[2:])))
     assert found is not None
     assert full_s - way_s < found.spans_s[short.file][1] < full_s
-    last_m = feed_m_s * float(np.ptp(short.time_s))
+    last_m = along_path(next(each for each in found.whole.trials if each.file == short.file))[-1]
     assert found.touched_m[short.file][1] == pytest.approx(last_m, abs=1e-4)
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_places_count_from_the_edge_where_every_record_has_it_elsewhere(mill, measured):
+    """Of a position that was measured nobody knows better."""
+    dataset, times = _in_air_at_both_ends(mill(), 0.16)
+    if measured:
+        places = [np.outer(0.16 * each.time_s, [1.0, 0.0, 0.0]) for each in dataset.trials]
+        trials = [replace(t, position_m=place) for t, place in zip(dataset.trials, places, strict=True)]
+        dataset = replace(dataset, trials=tuple(trials))
+    found = engaged(dataset)
+    assert found is not None and found.from_the_edge != measured
+    counted = {each.file: each for each in found.whole.trials}
+    full_m = []
+    for file, (full_s, _) in times.items():
+        place = np.interp(full_s, counted[file].time_s, along_path(counted[file]))
+        full_m.append(place - 0.16 * full_s * measured)
+    # the force is seen to rise a while after the first touch, in all of them by as much
+    assert np.ptp(full_m) < 1e-3 and np.abs(full_m).max() < 0.15 * dataset.tool.diameter_m
+
+
+def test_an_unbalance_in_the_air_is_no_cut(mill):
+    """It goes round once a turn, as large as half of the force; the tool touches where it did without."""
+    dataset, times = _in_air_at_both_ends(mill(), 0.16)
+    size = 0.5 * np.sqrt(np.mean(dataset.trials[0].force_n ** 2))
+
+    def unbalanced(trial):
+        # the spindle turns 1 % faster than was said
+        angle = 2.0 * np.pi * 1.01 * trial.spindle_speed_rev_s * trial.time_s
+        wave = size * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+        return replace(trial, force_n=trial.force_n + wave)
+
+    found = engaged(replace(dataset, trials=tuple(map(unbalanced, dataset.trials))))
+    assert found is not None and set(found.spans_s) == set(times)
+    for file, (low, high) in found.spans_s.items():
+        first, last = times[file]
+        assert first - 5e-3 <= low < first + 0.1 and last - 0.1 < high <= last + 5e-3
 
 
 def test_out_of_a_pocket_the_arc_is_full_at_once(mill):

@@ -11,6 +11,7 @@ from mjx_cutting import _platform
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import shared_bias
 from mjx_cutting.tracing.records.air import air_levels
+from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
@@ -84,3 +85,44 @@ def test_a_cut_that_ends_in_something_soft_does_not_end_in_the_air(turning_cut, 
         name="cuts", tool=ToolInfo("turning", 1, 0.03), sensor=Sensor(500.0, zeroed="session"), trials=trials
     )
     assert sum(trial.kind == "air" for trial in as_levels(made).trials) == airs
+
+
+def test_a_zero_that_drifts_as_far_as_the_force_hides_no_beginning(turning_cut):
+    """Once it has drifted, the record in the air is as large as in the cut; cuts in air say where zero is."""
+    generator, cutting, time = (
+        np.random.default_rng(6),
+        np.array([-40.0, 80.0, -15.0]),
+        np.arange(500) / 500.0,
+    )
+    there = np.clip((time - 0.3) / 0.01, 0.0, 1.0)
+    trials = []
+    for index in range(5):
+        zero = index * np.array([14.0, -10.0, 8.0])
+        force = np.outer(there * (index % 2), cutting) + zero + generator.normal(0.0, 0.5, (500, 3))
+        kind = "cut" if index % 2 else "air"
+        trials.append(
+            replace(turning_cut(time, force, file=f"{index}.csv"), kind=kind, clock_start_s=60.0 * index)
+        )
+    sensor = Sensor(500.0, zeroed="session")
+    made = Dataset(name="cuts", tool=ToolInfo("turning", 1, 0.03), sensor=sensor, trials=tuple(trials))
+    for trial in (each for each in as_levels(made).trials if each.kind == "cut"):
+        assert trial.time_s[0] >= 0.31
+        np.testing.assert_allclose(
+            np.ptp([part.mean(axis=0) for part in np.array_split(trial.force_n, 4)], axis=0), 0.0, atol=0.5
+        )
+
+
+def test_what_the_work_is_like_counts_from_where_each_cut_touches_it(turning_cut):
+    """A bar with a hard ring, cut by records that begin in the air at places of their own."""
+    generator, trials = np.random.default_rng(7), []
+    for index, (touch_s, feed) in enumerate([(0.3, 1e-3), (0.5, 2e-3), (0.25, 3e-3)]):
+        time = np.arange(0.0, touch_s + 0.006 / feed, 2e-3)
+        place = feed * (time - touch_s)
+        there = (place >= 0.0) * (1.0 + 0.3 * ((place > 2e-3) & (place < 3e-3)))
+        force = np.outer(there, [-40.0, 80.0, -15.0]) + generator.normal(0.0, 0.5, (len(time), 3))
+        trials.append(turning_cut(time, force, file=f"{index}.csv"))
+        trials[-1] = replace(trials[-1], feed_speed_m_s=feed)
+    tool, sensor = ToolInfo("turning", 1, 0.03), Sensor(500.0, zeroed="trial")
+    for trial in as_levels(Dataset(name="cuts", tool=tool, sensor=sensor, trials=tuple(trials))).trials:
+        hard = trial.force_n[:, 1] > 92.0
+        np.testing.assert_allclose(along_path(trial)[hard][[0, -1]], [2e-3, 3e-3], atol=1e-5)

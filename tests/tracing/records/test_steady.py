@@ -29,6 +29,17 @@ def test_a_ramp_longer_than_what_follows_is_left_out(bend, backwards):
     assert 0.8 * SAMPLES < last <= 0.95 * SAMPLES
 
 
+@pytest.mark.parametrize(("bend", "leaves"), [(0.3, 0.6), (0.45, 0.6), (0.2, 0.5)])
+def test_ramps_at_both_ends_are_left_out(bend, leaves):
+    """Into a plate over the point of the drill, and out of it: at a low feed hardly anything is level."""
+    share = np.clip((TIME - 0.1) / (bend - 0.1), 0.0, 1.0) * np.clip(
+        (0.95 - TIME) / (0.95 - leaves), 0.0, 1.0
+    )
+    part = steady(_record(share))
+    assert bend * SAMPLES <= part.start <= (bend + 0.06) * SAMPLES
+    assert (leaves - 0.06) * SAMPLES <= part.stop <= leaves * SAMPLES
+
+
 def test_a_force_that_grows_along_the_hole_is_no_ramp():
     inside = (TIME > 0.1) & (TIME < 0.9)
     part = steady(_record((0.7 + 0.4 * TIME) * inside))
