@@ -4,8 +4,9 @@
    and starts (Bonferroni). A coherent model error of `TOLERANCE` of the force counts as noise, because no
    simulator's own discretisation is finer and a chi-square alone names an effect in clean data.
 2. held out: the error on unseen trials falls by at least `LEAST_GAIN` of itself, by `TOLERANCE` of the force
-   (root mean square; less where the model's force hardly is) and by two standard errors over trials, or in
-   shares of what each trial leaves by more than chance does; and no axis pays for it.
+   (root mean square; less where the model's force hardly is) and by two standard errors over trials (of
+   fewer than five by as many as a t of their freedom asks), or in shares of what each trial leaves by more
+   than chance does; and no axis pays for it.
 3. interval: the strength's interval excludes the value at which the effect vanishes, and a resonance is known
    to an octave.
 4. range: every parameter lies inside its physical range, not at the edge of it.
@@ -39,6 +40,7 @@ _WIDEST = 50.0
 _RISES = 0.25
 _MOST_TRIALS = 0.75
 _SHARP = 2.0
+_FEW_TRIALS = 5
 Array = NDArray[np.float64]
 
 
@@ -283,7 +285,9 @@ def decide(
     `in_range` False that of the range, of which `physical` then tells; `tolerance` is the share of the force
     that a model's own calculation may be off; `axes` names what was measured."""
     gain, error = gain_over_trials(before, after)
-    within = gain < STANDARD_ERRORS * error and chance_over_trials(before, after, 1) > CHANCE
+    asked = _errors_asked(len(before.energy_n2))
+    within = gain < asked * error
+    within = within and chance_over_trials(before, after, 1) > CHANCE
     reasons, scattered = [], False
     if by_chance := p_chance > CHANCE:
         reasons.append(
@@ -300,7 +304,7 @@ def decide(
             "that any model's own calculation may be off"
         )
     elif scattered := over_trials and within:
-        reasons.append(f"gain {gain:.4f} is within two standard errors ({error:.4f}) over the trials")
+        reasons.append(f"gain {gain:.4f} is within {asked:.3g} standard errors ({error:.4f}) over the trials")
     if not scattered and (axis := _paid_by(before, after, tolerance)) is not None:
         reasons.append(
             f"predicts {axes[axis]} worse on held-out trials ({before.per_axis[axis]:.4f} to "
@@ -330,6 +334,13 @@ def decide(
     return Decision(
         not reasons, not beyond, p_chance, gain, error, parameters, tuple(reasons), untold, scattered, unsure
     )
+
+
+def _errors_asked(trials: int) -> float:
+    """By how many standard errors over so many trials a gain must be more than none: of three or four they
+    are known too badly themselves."""
+    few = trials < _FEW_TRIALS
+    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(trials - 1, 1))) if few else STANDARD_ERRORS
 
 
 def _paid_by(before: HeldOut, after: HeldOut, tolerance: float) -> int | None:

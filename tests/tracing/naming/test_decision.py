@@ -67,9 +67,19 @@ def test_what_is_below_a_models_own_error_is_refused():
 def test_a_gain_on_one_trial_only_is_refused():
     lucky = _heldout([0.01, 0.112, 0.091, 0.101, 0.101])
     found = decide(RadialRunout, BEFORE, lucky, 1e-9, RUNOUT)
-    assert "two standard errors" in found.reasons[0] and found.scattered
+    assert "within 2 standard errors" in found.reasons[0] and found.scattered
     nothing = dict(RUNOUT, offset_m=Interval(1e-5, -0.1e-5, 2.1e-5, "m"))
     assert not decide(RadialRunout, BEFORE, lucky, 1e-9, nothing).scattered
+
+
+def test_of_three_trials_a_gain_of_three_standard_errors_is_not_enough():
+    """A t of two degrees of freedom asks 4.3; of five trials two standard errors are."""
+    gains = [0.05, 0.02, 0.08]
+    few, many = ([_heldout([0.1] * n), _heldout([0.1 - g for g in (gains * 2)[:n]])] for n in (3, 5))
+    found = decide(RadialRunout, *few, 1e-9, RUNOUT)
+    assert 2.0 * found.gain_standard_error < found.gain < 4.3 * found.gain_standard_error
+    assert "4.3 standard errors" in found.reasons[0] and found.scattered
+    assert decide(RadialRunout, *many, 1e-9, RUNOUT).accepted
 
 
 def test_a_gain_in_every_trial_counts_though_one_holds_most_of_the_error():
