@@ -339,8 +339,7 @@ def decide(
 def _errors_asked(trials: int) -> float:
     """By how many standard errors over so many trials a gain must be more than none: of three or four they
     are known too badly themselves."""
-    few = trials < _FEW_TRIALS
-    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(trials - 1, 1))) if few else STANDARD_ERRORS
+    return STANDARD_ERRORS if trials >= _FEW_TRIALS else _quantile(trials)
 
 
 def _paid_by(before: HeldOut, after: HeldOut, tolerance: float) -> int | None:
