@@ -29,8 +29,9 @@ _AIR = 0.2
 _LEVEL = 0.85
 _USUAL = 75.0
 _CLEAR = 1.1
-_AT_ONCE = 0.3
+_AT_ONCE = 0.85
 _AT_ONCE_TURNS = 4
+_ANGLES = 400
 _FEWEST_TURNS = 0.25
 SURELY_TURNS = 3.0
 _LEAST_TURNS = 6.0
@@ -170,6 +171,17 @@ class _Stay:
         return replace(self, touched_m=(first - place_m, last - place_m))
 
 
+def _at_level_by(depth_share: float) -> float:
+    """Share of the way in after which geometry has the force at its level: the thickest chips, ahead of the
+    axis, are met first, so in a slot that is soon. `depth_share` is the radial depth over the diameter."""
+    angle = np.linspace(0.0, np.arccos(1.0 - 2.0 * min(depth_share, 1.0)), _ANGLES)
+    ahead = np.sin(angle)
+    order = np.argsort(ahead)[::-1]
+    energy = np.cumsum(ahead[order] ** 2)
+    reached = order[int(np.searchsorted(energy, _LEVEL**2 * energy[-1]))]
+    return float(1.0 - ahead[reached] / ahead.max())
+
+
 def _edges_m(cuts: Sequence[Trial], stays: Mapping[str, _Stay], tool: ToolInfo) -> dict[str, float]:
     """By file, where along its path the axis crosses the edge of the sheet, m, where no position was measured
     and every cut shows the touch, at a place of its own whether it is the rim or the axis that meets it."""
@@ -261,13 +273,14 @@ def _stay(trial: Trial, tool: ToolInfo, zero_n: Array) -> _Stay | None:
     if max(before, after) < least:
         return None
     way_in = float(way_in_m(trial.radial_depth_m, tool.diameter_m)) / trial.feed_speed_m_s * rate_hz(trial)
+    soonest = _AT_ONCE * _at_level_by(trial.radial_depth_m / tool.diameter_m) * way_in
 
     def within(touched: int, reached: int) -> int:
         """Samples from the first touch until force and arc are full. Where the force is at its level within a
         few turns, and long before geometry would have it, the tool began in a pocket, its arc full at once. A
         sheet shorter than the way in has its highest force early too, but not within turns."""
         risen = abs(reached - touched)
-        at_once = risen < min(_AT_ONCE * way_in, _AT_ONCE_TURNS * turn)
+        at_once = risen < min(soonest, _AT_ONCE_TURNS * turn)
         ramp = 0 if at_once else round(_CLEAR * way_in)
         return turn + max(risen, ramp)
 

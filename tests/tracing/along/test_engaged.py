@@ -94,6 +94,25 @@ def test_an_unbalance_in_the_air_is_no_cut(mill):
         assert first - 5e-3 <= low < first + 0.1 and last - 0.1 < high <= last + 5e-3
 
 
+def test_a_slot_is_entered_over_its_radius_though_the_force_is_at_its_level_soon(mill):
+    """The thickest chips, straight ahead, are met first: over half of the way in nothing grows any more."""
+    made, feed_m_s, touch_s = mill(), 0.048, 0.1
+    radius = 0.5 * made.tool.diameter_m
+    trials = []
+    for trial in made.trials:
+        way = np.clip(feed_m_s * (trial.time_s - touch_s) / radius, 0.0, 1.0)
+        angle = 2.0 * np.pi * (trial.spindle_speed_rev_s * trial.time_s[:, None] + np.arange(2) / 2.0)
+        chip = np.maximum(np.sin(angle), 0.0)
+        met = np.where(chip > 1.0 - way[:, None], chip, 0.0) * (way > 0.0)[:, None]
+        force = 100.0 * np.stack([np.sum(met * np.cos(angle), axis=1), np.sum(met, axis=1)], axis=1)
+        force = np.column_stack([force, 0.3 * force[:, 1]])
+        depth = {"radial_depth_m": made.tool.diameter_m, "milling": "slot", "feed_speed_m_s": feed_m_s}
+        trials.append(replace(trial, force_n=force, **depth))
+    found = engaged(replace(made, tool=replace(made.tool, teeth=2), trials=tuple(trials)))
+    assert found is not None and len(found.spans_s) == len(trials)
+    assert min(low for low, _ in found.spans_s.values()) >= touch_s + radius / feed_m_s
+
+
 def test_out_of_a_pocket_the_arc_is_full_at_once(mill):
     """The force is at its level within a turn: no way in is cut off, though geometry knows one."""
     made, trials, times = mill(), [], {}
