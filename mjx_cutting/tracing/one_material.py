@@ -12,10 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy, predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
-from mjx_cutting.tracing.records.levels import as_levels
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.tracing.telling.own_factor import own_factors
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
@@ -71,8 +72,11 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
     one for its trials `alone`."""
     told = _by_one_set(dataset, band_hz)
     factor = 1.0 + own_factors(told).factor
-    material = np.array([trial.material or "" for trial in dataset.trials if trial.kind == "cut"])
+    of = {trial.file: trial.material or "" for trial in dataset.trials}
+    material = np.array([of[each.file] for each in told])
     usual = {each: float(np.median(factor[material == each])) for each in np.unique(material)}
+    if name not in usual:
+        return False
     if any(abs(each / usual[name] - 1.0) > _UNLIKE for each in usual.values()):
         return True
     files = {trial.file for trial in alone.trials}
@@ -82,8 +86,10 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
 
 
 def _by_one_set(dataset: Dataset, band_hz: tuple[float, float]) -> tuple[Prediction, ...]:
-    """The trials by the base model with one set of constants."""
+    """The trials, where their tools are in the cut, by the base model with one set of constants."""
     trials = as_levels(dataset)
+    part = None if dataset.tool.kind in LEVEL_KINDS else engaged(trials, SURELY_TURNS)
+    trials = trials if part is None else part.dataset
     lines = compress(trials, band_hz)
     problem, base = fit_base(pose(trials, lines))
     return predictions(trials, lines, problem, base.model, shared_bias(problem, base.x))

@@ -63,6 +63,22 @@ def test_constants_that_differ_though_the_forces_are_as_large():
     assert same.left_out == () and len(same.trials) == 8
 
 
+def test_a_saw_of_which_only_the_mean_force_shows_is_judged_where_it_cuts(saw):
+    """Its teeth pass faster than the sensor follows. The zero of each record takes that mean for its own,
+    unless the air before the cut and behind it says what it is."""
+    trials = []
+    for index, trial in enumerate(saw().trials):
+        inside = (trial.time_s > 0.4 + 0.1 * index) & (trial.time_s < 3.6 - 0.1 * (index % 3))
+        mean = (0.5 if index == 3 else 1.0) * trial.force_n.mean(axis=0)
+        noise = np.random.default_rng(index).normal(0.0, 0.1, trial.force_n.shape)
+        name = "card" if index == 3 else "brass"
+        trials.append(replace(trial, force_n=inside[:, None] * mean + noise, material=name))
+    dataset = replace(saw(), trials=tuple(trials))
+    with _platform.x64():
+        found = of_one_material(dataset, (0.0, 200.0))
+    assert [each.file for each in found.left_out] == [trials[3].file]
+
+
 def test_labels_of_sheets_that_are_alike_leave_none_out(mill):
     dataset = _labelled(mill(), ["sheet 1"] * 4 + ["sheet 2"] * 2)
     verdict = trace(dataset, effects=EFFECTS).verdict
