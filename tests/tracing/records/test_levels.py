@@ -14,7 +14,7 @@ from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.trials import resolve
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
-RATE_HZ = 250.0
+RATE_HZ, TOUCH_S = 250.0, 0.3
 BONDS = {6.2e-3: -0.24, 9.8e-3: 0.12, 13.1e-3: 0.3}
 
 
@@ -30,7 +30,7 @@ def _drills(wear: float, seed: int = 0) -> Dataset:
             thrust = teeth * radius * (1.5e9 * feed / teeth + 6e4 * edge)
             torque = teeth * radius * (2.5e9 * feed / teeth + 4e4 * edge) * radius / 2.0
             time = np.arange(500) / RATE_HZ
-            inside = (time > 0.3) & (time < 1.8)
+            inside = (time > TOUCH_S) & (time < 1.8)
             force = np.full((500, 3), np.nan)
             force[:, 2] = thrust * inside + generator.normal(0.0, 2.0, 500)
             trials.append(
@@ -105,11 +105,11 @@ def test_sharp_drills_are_left_alone():
 
 
 def _with(dataset: Dataset, change) -> Dataset:
-    """The dataset with `change(trial, position [T], inside [T])` in place of each trial."""
+    """The dataset with `change(trial, depth in the hole [T], inside [T])` in place of each trial."""
     trials = []
     for trial in dataset.trials:
         inside = trial.force_n[:, 2] > 0.5 * np.median(trial.force_n[100:400, 2])
-        trials.append(change(trial, trial.feed_speed_m_s * trial.time_s, inside))
+        trials.append(change(trial, trial.feed_speed_m_s * (trial.time_s - TOUCH_S), inside))
     return replace(dataset, trials=tuple(trials))
 
 
