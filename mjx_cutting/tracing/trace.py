@@ -19,7 +19,13 @@ from mjx_cutting.cutting.effects.tool_gravity import ToolGravity
 from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple as RIPPLE
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.ends import NAME as ENDS
-from mjx_cutting.tracing.along.engaged import SURELY_TURNS, Engaged, engaged, mostly_in_the_cut
+from mjx_cutting.tracing.along.engaged import (
+    SURELY_TURNS,
+    Engaged,
+    at_places_of_their_own,
+    engaged,
+    mostly_in_the_cut,
+)
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
@@ -189,6 +195,9 @@ def _trace(
 
         def by_parts(trials: Dataset) -> tuple[Pass, Engaged | None]:
             found = None
+            if with_ends and at_places_of_their_own(trials):
+                progress("where each tool is in the sheet")
+                return _where_engaged(once(trials, band, (), (), seed, progress), one_pass, with_ends)
             begins, cut = with_ends and begin_in_air(trials), with_ends and mostly_in_the_cut(trials)
             if begins or cut:
                 # whatever else a pass over ramps and air found would be looked for once more inside the sheet

@@ -39,6 +39,7 @@ _FEWEST_IN_AIR = 10
 _FEWEST_A_PITCH = 4
 _LONGER = 1.5
 _LEAST_SHARE = 1.0 / 3.0
+_FEWEST = 3
 _AT_ONE_PLACE = 0.1
 Array = NDArray[np.floating]
 
@@ -111,6 +112,15 @@ def mostly_in_the_cut(dataset: Dataset) -> bool:
     return min(share) > _LEAST_SHARE and 2 * sum(kept.get(file, 0) for file in samples) > sum(
         samples.values()
     )
+
+
+def at_places_of_their_own(dataset: Dataset) -> bool:
+    """Whether every record of a cutter shows where the tool touches the sheet, at a place of its own, and
+    most hold it fully in the cut: a model of whole records has it at one place."""
+    if dataset.tool.kind in LEVEL_KINDS or (part := engaged(dataset, SURELY_TURNS)) is None:
+        return False
+    before, after = (sum(each.kind == "cut" for each in one.trials) for one in (dataset, part.dataset))
+    return part.from_the_edge and 2 * after > before and after >= _FEWEST
 
 
 def cut_down(

@@ -9,7 +9,12 @@ import pytest
 
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.ends import way_in_m
-from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged, mostly_in_the_cut
+from mjx_cutting.tracing.along.engaged import (
+    SURELY_TURNS,
+    at_places_of_their_own,
+    engaged,
+    mostly_in_the_cut,
+)
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
@@ -67,6 +72,7 @@ def test_places_count_from_the_edge_where_every_record_has_it_elsewhere(mill, me
         dataset = replace(dataset, trials=tuple(trials))
     found = engaged(dataset)
     assert found is not None and found.from_the_edge != measured
+    assert at_places_of_their_own(dataset) != measured and not at_places_of_their_own(mill())
     counted = {each.file: each for each in found.whole.trials}
     full_m = []
     for file, (full_s, _) in times.items():
