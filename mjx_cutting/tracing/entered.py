@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, effect_at, like_geometry
-from mjx_cutting.tracing.along.engaged import Engaged, cut_down
+from mjx_cutting.tracing.along.engaged import Engaged, cut_down, one_place
 from mjx_cutting.tracing.naming.decision import Interval, interval
 from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import along_path
@@ -38,7 +38,6 @@ _STEPS = 25
 _CLOSER = (1.0, 0.1, 0.01)
 _FEWEST = 3
 _RAMP_LEFT = 0.05
-_AT_ONE_PLACE = 0.1
 _OF_AT_ONCE = 0.5
 _LEFT_OF_IT = 0.005
 Array = NDArray[np.floating]
@@ -154,13 +153,7 @@ def _one_place(rim_m: Array, reach_m: Array) -> tuple[Interval, float] | None:
     """Where all records that show it have the sheet begin, m, and whether the axis meets it there, 1, or the
     rim, 0; None where they differ, or too few show it."""
     shown = np.isfinite(rim_m)
-    if shown.sum() < _FEWEST:
+    if shown.sum() < _FEWEST or (found := one_place(rim_m[shown], reach_m[shown])) is None:
         return None
-    found = []
-    for by_axis in (0.0, 1.0):
-        places = (rim_m + by_axis * reach_m)[shown]
-        found.append((float(np.ptp(places)), by_axis, places))
-    apart, by_axis, places = min(found, key=lambda each: each[:2])
-    if apart > _AT_ONE_PLACE * float(reach_m[shown].min()):
-        return None
+    places, by_axis = found
     return Interval(float(np.median(places)), float(places.min()), float(places.max()), "m"), by_axis

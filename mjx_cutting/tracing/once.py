@@ -74,7 +74,7 @@ def once(
         found = searches.along(alone, alone.search.final)
     moving = [kind for kind in steady if kind.by_position]
     found = by_place(found, moving, replace(searches, posed=pose))
-    why = _rather_the_rest(found, steady)
+    why = _why_refused(found, steady)
     if why is None:
         return found
     bare = once(dataset, band_hz, kinds, (), seed, progress, posed)
@@ -91,7 +91,7 @@ def _less_edges_as_found(measured: Dataset, alone: Pass) -> Dataset | None:
     return as_found(measured, alone.lines, found.problem, found.final_fit.model, bias)
 
 
-def _rather_the_rest(found: Pass, tried: Sequence[type[AbstractEffect]]) -> str | None:
+def _why_refused(found: Pass, tried: Sequence[type[AbstractEffect]]) -> str | None:
     """Why the steady effects found, of those `tried`, are refused: by all that is missing, because they come
     and go, or of levels because the force wanders as much within the trials; None where they are not."""
     result = found.search

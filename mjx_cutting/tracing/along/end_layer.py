@@ -60,7 +60,7 @@ def rather_a_slope(courses: Sequence[Course], layer: AbstractEffect) -> str:
     if both_show or min(within, beyond) > _EVEN_BESIDE * border:
         return ""
     return (
-        f"its one border that shows is {1e3 * border:.3g} mm wide, and the force is even on both sides of it "
+        f"its one border that shows is {1e3 * border:.3g} mm wide, and on one side of it the force is even "
         "nowhere: it changes evenly with the place"
     )
 

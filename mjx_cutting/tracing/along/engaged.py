@@ -62,7 +62,8 @@ class Engaged:
         if not self.spans_s:
             return f"{said}; too little of those was in the cut, so they are left out"
         told = ", ".join(f"{file} {low:.2f} to {high:.2f} s" for file, (low, high) in self.spans_s.items())
-        return f"{said}; they were traced where it is in the cut ({told})"
+        counted = "; places count from where its axis meets the edge" if self.from_the_edge else ""
+        return f"{said}; they were traced where it is in the cut ({told}){counted}"
 
 
 def engaged(dataset: Dataset, shown_by_turns: float = 0.0) -> Engaged | None:
@@ -121,6 +122,17 @@ def at_places_of_their_own(dataset: Dataset) -> bool:
         return False
     before, after = (sum(each.kind == "cut" for each in one.trials) for one in (dataset, part.dataset))
     return part.from_the_edge and 2 * after > before and after >= _FEWEST
+
+
+def one_place(touched_m: Array, reach_m: Array) -> tuple[Array, float] | None:
+    """[R] where the records have the sheet begin, m, and whether the axis meets it there, 1, or the rim, 0,
+    whichever has the places closer together; None where those are not one place.
+
+    Arguments: [R] where the rim touches first, and the way from there until the arc is full, m.
+    """
+    ways = [(touched_m + by_axis * reach_m, by_axis) for by_axis in (0.0, 1.0)]
+    places, by_axis = min(ways, key=lambda way: float(np.ptp(way[0])))
+    return (places, by_axis) if np.ptp(places) <= _AT_ONE_PLACE * reach_m.min() else None
 
 
 def cut_down(
@@ -199,10 +211,7 @@ def _edges_m(cuts: Sequence[Trial], stays: Mapping[str, _Stay], tool: ToolInfo) 
         return {}
     touched = np.array([stays[trial.file].touched_m[0] for trial in cuts])
     reach = np.array([float(way_in_m(trial.radial_depth_m, tool.diameter_m)) for trial in cuts])
-    if not np.all(np.isfinite(touched)):
-        return {}
-    apart = min(float(np.ptp(touched)), float(np.ptp(touched + reach)))
-    if apart <= _AT_ONE_PLACE * float(reach.min()):
+    if not np.all(np.isfinite(touched)) or one_place(touched, reach) is not None:
         return {}
     return dict(zip((trial.file for trial in cuts), (touched + reach).tolist(), strict=True))
 

@@ -286,8 +286,7 @@ def decide(
     that a model's own calculation may be off; `axes` names what was measured."""
     gain, error = gain_over_trials(before, after)
     asked = _errors_asked(len(before.energy_n2))
-    within = gain < asked * error
-    within = within and chance_over_trials(before, after, 1) > CHANCE
+    within = gain < asked * error and chance_over_trials(before, after, 1) > CHANCE
     reasons, scattered = [], False
     if by_chance := p_chance > CHANCE:
         reasons.append(

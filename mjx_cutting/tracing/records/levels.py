@@ -212,10 +212,8 @@ def _less_the_air(trials: list[Trial]) -> list[Trial]:
     airs = sorted((each for each in trials if each.kind == "air"), key=lambda each: each.clock_start_s)
     if not airs:
         return trials
-    clock, read = (
-        [each.clock_start_s for each in airs],
-        np.stack([each.force_n.mean(axis=0) for each in airs]),
-    )
+    clock = [each.clock_start_s for each in airs]
+    read = np.stack([each.force_n.mean(axis=0) for each in airs])
 
     def zero(trial: Trial) -> Array:
         return np.array([np.interp(trial.clock_start_s, clock, each) for each in read.T])

@@ -69,11 +69,8 @@ def test_air_says_nothing_of_a_sensor_that_is_zeroed_before_each_trial():
 @pytest.mark.parametrize(("share", "airs"), [(0.25, 1), (0.03, 2)])
 def test_a_cut_that_ends_in_something_soft_does_not_end_in_the_air(turning_cut, share, airs):
     """The cut in air says what the sensor reads there; where it ends at a quarter of its force, it is not."""
-    generator, cutting, zero = (
-        np.random.default_rng(5),
-        np.array([-40.0, 80.0, -15.0]),
-        np.array([3.0, -5.0, 2.0]),
-    )
+    generator, cutting = np.random.default_rng(5), np.array([-40.0, 80.0, -15.0])
+    zero = np.array([3.0, -5.0, 2.0])
     time = np.arange(500) / 500.0
     there = np.where(time < 0.6, 1.0, share)
     cut, air = (
@@ -89,11 +86,8 @@ def test_a_cut_that_ends_in_something_soft_does_not_end_in_the_air(turning_cut, 
 
 def test_a_zero_that_drifts_as_far_as_the_force_hides_no_beginning(turning_cut):
     """Once it has drifted, the record in the air is as large as in the cut; cuts in air say where zero is."""
-    generator, cutting, time = (
-        np.random.default_rng(6),
-        np.array([-40.0, 80.0, -15.0]),
-        np.arange(500) / 500.0,
-    )
+    generator, cutting = np.random.default_rng(6), np.array([-40.0, 80.0, -15.0])
+    time = np.arange(500) / 500.0
     there = np.clip((time - 0.3) / 0.01, 0.0, 1.0)
     trials = []
     for index in range(5):
