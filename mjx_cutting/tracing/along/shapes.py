@@ -56,28 +56,26 @@ def profiled_sums(
     profile: Callable[[Array, Array], Array],
     shapes: Array,
 ) -> Sums:
-    """The same of one column a shape, which is a profile along the trial times a wave.
+    """The same of the columns of a shape that are its profile along the trial times each of the waves.
 
     Long records are first summed over blocks of time, short against whatever a profile does.
 
     Arguments:
         along: [T] what the profile is a function of.
-        carrier: [T, 3] the wave.
-        profile: [P, B] at places [B], of shapes [P, d].
+        carrier: [T, 3, k] the waves.
+        profile: [P, B, 3] along each axis at places [B], of shapes [P, d].
     """
 
     def products(course: Course, known: Array) -> tuple[Array, Array]:
-        place, wave = along(course), np.transpose(carrier(course))
+        place = along(course)
         edges = block_edges(len(place), _MOST_BLOCKS)
-        energy = np.transpose(np.add.reduceat(wave**2, edges, axis=1))
-        beside = np.add.reduceat(wave[..., None] * known, edges, axis=1).swapaxes(0, 1)
+        energy, beside = _in_blocks(carrier(course), known, edges)
         parts, mean = [], block_means(place, edges)
         for first in range(0, len(shapes), _SHAPES_AT_ONCE):
             share = profile(mean, shapes[first : first + _SHAPES_AT_ONCE])
-            parts.append((share**2 @ energy, share @ beside.reshape(len(mean), -1)))
+            parts.append((_summed(share**2, energy), _summed(share, beside)))
         square, cross = (np.concatenate(side) for side in zip(*parts, strict=True))
-        cross = cross.reshape(len(shapes), *beside.shape[1:])
-        return square[..., None, None], cross[:, :, None]
+        return square, cross
 
     return _by_trial(courses, products)
 
@@ -88,29 +86,45 @@ def stacked_sums(
     carrier: Callable[[Course], Array],
     profile: Callable[[Array, Array], Array],
 ) -> Callable[[Array], Sums]:
-    """The statistics of several shapes [n, d] at once, a column each, as a function of them that asks nothing
-    of the records again; arguments as of `profiled_sums`."""
+    """The statistics of several shapes [n, d] at once, the columns of one after those of another, as a
+    function of them that asks nothing of the records again; arguments as of `profiled_sums`."""
     read = []
     for course in courses:
-        (known, own), wave = _known(course), np.transpose(carrier(course))
+        known, own = _known(course)
         if course.apart:
             known[..., :-1], own[:] = 0.0, 0.0
         place = along(course)
         edges = block_edges(len(place), _FEWER_BLOCKS)
-        energy = np.add.reduceat(wave**2, edges, axis=1)
-        beside = np.add.reduceat(wave[..., None] * known, edges, axis=1)
-        read.append((block_means(place, edges), energy, beside, own))
+        read.append((block_means(place, edges), *_in_blocks(carrier(course), known, edges), own))
     # in the blocks that a shorter record lacks there is nothing
     places, energies, besides, owns = (_padded(each) for each in zip(*read, strict=True))
+    trials, blocks, _, waves = energies.shape[:4]
+    energies, flat = (np.swapaxes(each, 1, 2).reshape(trials, 3, blocks, -1) for each in (energies, besides))
 
     def at(shapes: Array) -> Sums:
-        share = profile(places.ravel(), shapes).reshape(len(shapes), *places.shape)
-        share = np.swapaxes(share, 0, 1)[:, None]
-        own = (share * energies[:, :, None]) @ np.swapaxes(share, 2, 3)
-        square, product = _less_same(own, share @ besides, owns, apart=False)
+        share = profile(places.ravel(), shapes).reshape(len(shapes), *places.shape, 3)
+        share = np.moveaxis(share, [1, 3], [0, 1])  # [R, 3, n, B]
+        pairs = (share[:, :, :, None] * share[:, :, None]).reshape(trials, 3, -1, blocks)
+        own = (pairs @ energies).reshape(trials, 3, len(shapes), len(shapes), waves, waves)
+        own = np.swapaxes(own, 3, 4).reshape(trials, 3, len(shapes) * waves, -1)
+        cross = (share @ flat).reshape(trials, 3, len(shapes) * waves, -1)
+        square, product = _less_same(own, cross, owns, apart=False)
         return Sums(square[:, None], product[:, None])
 
     return at
+
+
+def _summed(share: Array, value: Array) -> Array:
+    """[P, 3, ...] sums over blocks of shares [P, B, 3] of a value [B, 3, ...] along each axis."""
+    return np.stack([np.tensordot(share[..., axis], value[:, axis], 1) for axis in range(3)], axis=1)
+
+
+def _in_blocks(carrier: Array, known: Array, edges: NDArray[np.integer]) -> tuple[Array, Array]:
+    """[B, 3, k, k] and [B, 3, k, q + 1] sums over blocks of waves [T, 3, k] times one another, and times what
+    is `known` [3, T, q + 1]."""
+    energy = np.add.reduceat(carrier[..., None] * carrier[:, :, None], edges, axis=0)
+    beside = np.add.reduceat(carrier[..., None] * np.swapaxes(known, 0, 1)[:, :, None], edges, axis=0)
+    return energy, beside
 
 
 def _padded(arrays: Sequence[Array]) -> Array:

@@ -13,9 +13,16 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.along.at_once import fitted_together, with_together
 from mjx_cutting.tracing.along.end_layer import rather_a_slope
 from mjx_cutting.tracing.along.kind import Kind
-from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_the_chip
+from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_each_direction, of_the_chip
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound, less, without
-from mjx_cutting.tracing.along.slow_try import IN_POSITION, Asked, fall_of_error, free_in_position, try_one
+from mjx_cutting.tracing.along.slow_try import (
+    IN_POSITION,
+    Asked,
+    fall_of_error,
+    free_in_position,
+    try_one,
+    whole_force,
+)
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.decision import TOLERANCE
 from mjx_cutting.tracing.records.course import Course
@@ -28,6 +35,7 @@ _BLENDED = 0.4
 _AT_ONE = 0.02
 _MUCH_LESS = 0.9
 Array = NDArray[np.floating]
+Carrier = Callable[[Course], Array]
 
 
 def search_slow(
@@ -42,7 +50,8 @@ def search_slow(
 ) -> tuple[SlowRound, ...]:
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
 
-    Layers change all constants alike, or those of the chip alone where much less is left then.
+    Layers change all constants alike; or those of the chip alone, or those of each direction by their own,
+    where much less is left then.
 
     Arguments:
         trials: courses of the cut trials.
@@ -55,15 +64,35 @@ def search_slow(
             the steady model is freed of what it has taken for its own.
     """
     rest = (progress, tolerance, in_range)
-    found = _search(trials, before, weight, names, kinds, *rest)
-    if not any(each.accepted is not None and each.accepted.kind.name == LAYERED for each in found):
-        return found
-    left, error = less(trials, found), _left_by(found)
-    most = free_in_position(left, error, weight, edge_apart=True)
-    if most < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
-        return found
-    other = _search(trials, before, weight, names, of_the_chip(kinds), *rest)
-    return other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
+    found = _search(trials, before, weight, names, kinds, whole_force, *rest)
+    # what is apart in them, how they are then looked for, and what they are held to
+    ways: list[tuple[Carrier, Callable[[Sequence[Kind]], tuple[Kind, ...]], Carrier]]
+    ways = [(_chip_and_edge, of_the_chip, whole_force)]
+    if all(each.by_direction is not None for each in trials):
+        ways.append((Course.force_by_direction, of_each_direction, Course.force_by_direction))
+    for apart, of_such, free in ways:
+        if not _like_layers(found):
+            break
+        error = _left_by(found)
+        most = free_in_position(less(trials, found), error, weight, apart)
+        if most < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
+            continue
+        other = _search(trials, before, weight, names, of_such(kinds), free, *rest)
+        found = other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
+    return found
+
+
+def _chip_and_edge(course: Course) -> Array:
+    return np.stack([course.chip_n, course.edge_n], axis=-1)
+
+
+def _like_layers(rounds: Sequence[SlowRound]) -> bool:
+    """Whether layers were accepted, or refused for no more than what they leave of force free in position."""
+    return any(
+        each.kind.name == LAYERED and (each.decision.accepted or each.short_of_free)
+        for one in rounds
+        for each in one.candidates
+    )
 
 
 def _left_by(rounds: Sequence[SlowRound]) -> HeldOut:
@@ -78,11 +107,12 @@ def _search(
     weight: Array,
     names: Sequence[str] | None,
     kinds: Sequence[Kind],
+    carrier: Carrier,
     progress: Callable[[str], None],
     tolerance: float,
     in_range: bool,
 ) -> tuple[SlowRound, ...]:
-    """`search_slow` with every kind as it is."""
+    """`search_slow` with every kind as it is, held to force free in position of the `carrier` [T, 3, k]."""
     open_ = [
         kind
         for kind in kinds
@@ -91,7 +121,7 @@ def _search(
     rounds: list[SlowRound] = []
     left = trials
     while open_ and len(rounds) < MOST_SLOW:
-        free = free_in_position(left, before, weight)
+        free = free_in_position(left, before, weight, carrier)
         test = Asked(weight, free, len(open_), tolerance, in_range)
         tried = []
         for kind in open_:

@@ -11,7 +11,8 @@ are in `shapes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import compress
 
 import numpy as np
@@ -48,13 +49,16 @@ def _layers(courses: Sequence[Course]) -> Array:
     )
 
 
-def _inside(place_m: Array, start_m: Array, length_m: Array, border_m: Array) -> Array:
-    since = place_m - start_m
-    return np.asarray(np.clip(0.5 + np.minimum(since, length_m - since) / border_m, 0.0, 1.0))
-
-
-def _layers_inside(place_m: Array, shapes: Array) -> Array:
-    return _inside(place_m, *np.split(shapes, 3, axis=1))
+def _inside(power: Sequence[float], place_m: Array, shapes: Array) -> Array:
+    """[P, T, 3] share of the force along each axis that is inside layers [P, 3] at places [T]."""
+    start, length, border = np.split(shapes, 3, axis=1)
+    entered, left = (
+        np.clip(0.5 + (place_m - border_at) / border, 0.0, 1.0) for border_at in (start, start + length)
+    )
+    by_power = {each: entered**each - left**each for each in set(power)}
+    if len(by_power) == 1:
+        return np.broadcast_to(by_power[power[0]][..., None], (*entered.shape, 3))
+    return np.stack([by_power[each] for each in power], axis=-1)
 
 
 def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
@@ -65,23 +69,29 @@ def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
     return np.asarray([each for each in near if each[1] > 0.2 * step])
 
 
-def _parts_of_layer(effect: AbstractEffect) -> tuple[Array, Array]:
-    return listed(effect, "start_m", "length_m", "border_m"), listed(effect, "change")
-
-
-def _layers_of(edge_share: float) -> Kind:
-    """Layers in which the edge constants change by a share of what those of the chip do."""
+def _layers_of(edge_share: float, by_direction: bool = False) -> Kind:
+    """Layers in which the edge constants change by a share of what those of the chip do; if `by_direction`,
+    by as much, and the constants of each direction by a share of their own."""
 
     def carrier(course: Course) -> Array:
-        return course.force(edge_share)
+        return course.force_by_direction() if by_direction else course.force(edge_share)[..., None]
+
+    def profile(courses: Sequence[Course]) -> Callable[[Array, Array], Array]:
+        return partial(_inside, courses[0].border_power)
 
     def columns(course: Course, shape: Array) -> Array:
-        inside = _inside(course.position_m, *shape)
-        return (inside[:, None] * carrier(course))[..., None]
+        return _inside(course.border_power, course.position_m, shape[None])[0, ..., None] * carrier(course)
 
     def effect(shape: Array, c: Array) -> AbstractEffect:
         start, length, border = map(float, shape)
-        return effect_class(LAYERED)(float(c[0]), start, length, border, edge_share)
+        change = float(c[np.argmax(np.abs(c))])
+        # a direction that nothing is measured of changes as the others do
+        share = np.where(c == 0.0, 1.0, c / change) if by_direction and change else np.ones(3)
+        return effect_class(LAYERED)(change, start, length, border, edge_share, share)
+
+    def parts(layer: AbstractEffect) -> tuple[Array, Array]:
+        change, share = listed(layer, "change"), as_values(layer)["direction_share"]
+        return listed(layer, "start_m", "length_m", "border_m"), change * share if by_direction else change
 
     return Kind(
         LAYERED,
@@ -89,13 +99,13 @@ def _layers_of(edge_share: float) -> Kind:
         _layers,
         columns,
         effect,
-        _parts_of_layer,
+        parts,
         several=True,
         shared=True,
         rather=at_the_end,
         refine=_layers_near,
-        sums=lambda courses, shapes: profiled_sums(courses, _position, carrier, _layers_inside, shapes),
-        stack=lambda courses: stacked_sums(courses, _position, carrier, _layers_inside),
+        sums=lambda courses, shapes: profiled_sums(courses, _position, carrier, profile(courses), shapes),
+        stack=lambda courses: stacked_sums(courses, _position, carrier, profile(courses)),
     )
 
 
@@ -200,9 +210,17 @@ KINDS: tuple[Kind, ...] = (
 def kind_of(effect: AbstractEffect) -> Kind | None:
     """How an effect along the trial is looked for, the ends of the sheet left out; None where it is not."""
     found = next((kind for kind in KINDS if kind.effect is type(effect)), None)
-    return _layers_of(float(listed(effect, "edge_share")[0])) if found is _LAYERS else found
+    if found is not _LAYERS:
+        return found
+    values = as_values(effect)
+    return _layers_of(float(values["edge_share"]), bool(np.any(values["direction_share"] != 1.0)))
 
 
 def of_the_chip(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
     """The kinds, layers among them as such in which the edge's force is that of the sheet."""
     return tuple(_layers_of(0.0) if kind is _LAYERS else kind for kind in kinds)
+
+
+def of_each_direction(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
+    """The kinds, layers among them as such in which the constants of each direction change by their own."""
+    return tuple(_layers_of(1.0, by_direction=True) if kind is _LAYERS else kind for kind in kinds)

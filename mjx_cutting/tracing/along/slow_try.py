@@ -6,7 +6,7 @@ over the path) is fitted beside it, and where that does better by a sixth, the e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -98,11 +98,19 @@ def fall_of_error(before: HeldOut, after: HeldOut, weight: Array) -> float:
     return float(np.sum((before.error_n2 - after.error_n2) * weight**2))
 
 
+def whole_force(course: Course) -> Array:
+    """[T, 3, 1] the force of chip and edge, N."""
+    return (course.chip_n + course.edge_n)[..., None]
+
+
 def free_in_position(
-    trials: Sequence[Course], before: HeldOut, weight: Array, edge_apart: bool = False
+    trials: Sequence[Course],
+    before: HeldOut,
+    weight: Array,
+    carrier: Callable[[Course], Array] = whole_force,
 ) -> float:
-    """Fall of the weighted squared error on held-out trials that force free to vary with position brings, the
-    edge's by itself if `edge_apart`."""
+    """Fall of the weighted squared error on held-out trials that force free to vary with position brings,
+    each of the waves of `carrier` [T, 3, k] by itself."""
     low = min(float(each.position_m.min()) for each in trials)
     high = max(float(each.position_m.max()) for each in trials)
     knots = np.linspace(low, high, _HATS)
@@ -110,7 +118,7 @@ def free_in_position(
 
     def hats(course: Course, shape: Array) -> Array:
         share = np.clip(1.0 - np.abs(course.position_m[:, None] - knots) / width, 0.0, 1.0)
-        waves = (course.chip_n, course.edge_n) if edge_apart else (course.chip_n + course.edge_n,)
+        waves = np.moveaxis(carrier(course), -1, 0)
         return np.concatenate([wave[..., None] * share[:, None, :] for wave in waves], axis=-1)
 
     found = sums(hats, trials, np.zeros((1, 1)))

@@ -8,7 +8,7 @@ fold left out say how much.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 
 import jax
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel, Material
+from mjx_cutting.cutting.effects.layered_material import BORDER_POWER
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction
@@ -49,6 +50,17 @@ def courses(
     teeth = None if dataset.tool.kind in LEVEL_KINDS else AtTeeth(problem, model, _chip_and_edge)
     rate_hz = dataset.sensor.sample_rate_hz
     ahead_m = (0.0, 0.0) if teeth is None else teeth.ahead_m
+    directions = cache(partial(_directions, problem, model))
+
+    def by_direction(index: int, angle_rad: Array) -> Array:
+        columns = np.moveaxis(directions()[:, index], 0, -1)
+        found = wave(lines, index, angle_rad, columns.reshape(len(columns), -1), rate_hz)
+        return found.reshape(-1, 3, 3)
+
+    border_power = (1.0, 1.0, 1.0)
+    if dataset.tool.kind == "drill":
+        tangential, _, axial = BORDER_POWER
+        border_power = (1.0, tangential, axial)  # nothing, torque, thrust
     delay_s, found = filter_delay_s(dataset.sensor), []
     for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
         chip_n, edge_n = (
@@ -75,6 +87,8 @@ def courses(
                 edge_by_fold=edge_share[:, index],
                 ahead_m=ahead_m,
                 at_teeth=at_teeth,
+                by_direction=partial(by_direction, index, each.angle_rad),
+                border_power=border_power,
             )
         )
     return tuple(found)
@@ -83,14 +97,29 @@ def courses(
 def _chip_and_edge(problem: Problem, model: ForceModel) -> tuple[Complex, Complex]:
     """[R, orders + 1, 3] lines of the chip's force and of the edge's, N. The edge's is what is left at no
     resistance of the chip: so is the force on a worn land."""
-    # the inertia of what the sensor carries is of neither chip nor edge
-    own = tuple(each for each in model.effects if type(each) not in problem.given)
     constants = model.material
     edge = Material(0.0, constants.K_te_n_m, 0.0, constants.K_re_n_m, 0.0, constants.K_ae_n_m)
-    of_edge, whole = (
-        np.asarray(_lines(problem, ForceModel(model.tool, material, own))) for material in (edge, constants)
-    )
+    of_edge, whole = (_lines_with(problem, model, material) for material in (edge, constants))
     return whole - of_edge, of_edge
+
+
+def _directions(problem: Problem, model: ForceModel) -> Complex:
+    """[3, R, orders + 1, 3] lines of what the tangential, radial and axial constants have of the force, N."""
+    k = model.material
+    each = (
+        Material(k.K_tc_n_m2, k.K_te_n_m, 0.0, 0.0, 0.0, 0.0),
+        Material(0.0, 0.0, k.K_rc_n_m2, k.K_re_n_m, 0.0, 0.0),
+        Material(0.0, 0.0, 0.0, 0.0, k.K_ac_n_m2, k.K_ae_n_m),
+    )
+    none = _lines_with(problem, model, Material(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    return np.stack([_lines_with(problem, model, material) - none for material in each])
+
+
+def _lines_with(problem: Problem, model: ForceModel, material: Material) -> Complex:
+    """[R, orders + 1, 3] lines of a model with other constants, N."""
+    # the inertia of what the sensor carries is of no constant
+    own = tuple(each for each in model.effects if type(each) not in problem.given)
+    return np.asarray(_lines(problem, ForceModel(model.tool, material, own)))
 
 
 def _by_fold(

@@ -43,6 +43,10 @@ class Course:
         ahead_m: how far a tooth in the cut is ahead of the tool's centre, at least and at most.
         at_teeth: [K, 2, T, 3] complex waves of chip and edge whose teeth each turn with exp(i k x), of wave
             numbers k [K], rad/m, x the way from the middle of `ahead_m` to the tooth; None where not known.
+        by_direction: [T, 3, 3] what the tangential, radial and axial constants each have of the force; None
+            where not known.
+        border_power: [3] what power of the way across a border of two layers the force along each axis goes
+            with.
     """
 
     time_s: Array
@@ -63,13 +67,17 @@ class Course:
     edge_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
     ahead_m: tuple[float, float] = (0.0, 0.0)
     at_teeth: Callable[[Sequence[float]], NDArray[np.complexfloating]] | None = None
+    by_direction: Callable[[], Array] | None = None
+    border_power: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def without(self, fold: int) -> Course:
         """The trial under the steady model that was fitted without a fold."""
         share, at_teeth = np.stack([self.chip_by_fold[fold], self.edge_by_fold[fold]]), self.at_teeth
         chip_n, edge_n = self.chip_n * share[0], self.edge_n * share[1]
         of_teeth = None if at_teeth is None else lambda waves: at_teeth(waves) * share[:, None]
-        return replace(self, chip_n=chip_n, edge_n=edge_n, at_teeth=of_teeth)
+        by_direction, whole = self.by_direction, self._of_folds(1.0)[fold, :, None]
+        turned = None if by_direction is None else lambda: by_direction() * whole
+        return replace(self, chip_n=chip_n, edge_n=edge_n, at_teeth=of_teeth, by_direction=turned)
 
     def force(self, edge_share: float) -> Array:
         """[T, 3] force of the chip and of a share of the edge's, N; nil along an axis of which the fits with
@@ -82,17 +90,27 @@ class Course:
         found = self.at_teeth(waves)
         return np.where(self._known(edge_share), found[:, 0] + edge_share * found[:, 1], 0.0)
 
+    def force_by_direction(self) -> Array:
+        """[T, 3, 3] what the tangential, radial and axial constants each have of the force, N; nil along an
+        axis as `force` is."""
+        assert self.by_direction is not None
+        return np.where(self._known(1.0)[:, None], self.by_direction(), 0.0)
+
     def _known(self, edge_share: float) -> NDArray[np.bool_]:
         """[3] the axes along which the fits with a fold left out agree."""
-        edge_n = edge_share * self.edge_n
-        whole = self.chip_n + edge_n
-        if not len(self.chip_by_fold):
+        by_fold = self._of_folds(edge_share)
+        if not len(by_fold):
             return np.ones(3, dtype=bool)
-        energy = np.maximum(np.sum(whole**2, axis=0), 1e-300)
-        of_chip, of_edge = (np.sum(whole * part, axis=0) / energy for part in (self.chip_n, edge_n))
-        by_fold = self.chip_by_fold * of_chip + self.edge_by_fold * of_edge
         error = np.sqrt((len(by_fold) - 1) * np.var(by_fold, axis=0))  # jackknife
         return np.asarray(error < _KNOWN)
+
+    def _of_folds(self, edge_share: float) -> Array:
+        """[F, 3] the force with each fold of trials left out, as a share of it."""
+        edge_n = edge_share * self.edge_n
+        whole = self.chip_n + edge_n
+        energy = np.maximum(np.sum(whole**2, axis=0), 1e-300)
+        of_chip, of_edge = (np.sum(whole * part, axis=0) / energy for part in (self.chip_n, edge_n))
+        return np.asarray(self.chip_by_fold * of_chip + self.edge_by_fold * of_edge)
 
     def own(self, columns: Array) -> Array:
         """[T, 3, k] columns without what chip, edge and zero of this trial can imitate, where they did."""

@@ -248,3 +248,33 @@ def test_side_friction_goes_with_the_engaged_area(teeth: int):
             torque = torque_of(rubbing, here) - torque_of(base, here)
             np.testing.assert_allclose(torque, 3000.0 * moment, rtol=2e-3)
     assert float(force_of(rubbing, saw_cut(0.0))[0]) == 0.0
+
+
+def test_a_layer_of_another_material_changes_each_direction_by_its_own():
+    layer = effect_class("layered_material")(-0.5, 0.03, 0.01, direction_share=np.array([1.0, 0.4, 0.0]))
+    cut = slot(5e-5, 4).replace(position_m=0.035)
+    for one, share in (
+        (Material(9e8, 1e4, 0.0, 0.0, 0.0, 0.0), 0.5),
+        (Material(0.0, 0.0, 2e8, 2e4, 0.0, 0.0), 0.8),
+    ):
+        bare = ForceModel(Tool("end_mill", 4, 0.025), one)
+        np.testing.assert_allclose(
+            force_of(bare.with_effects(layer), cut), share * force_of(bare, cut), rtol=1e-6
+        )
+
+
+def test_lips_of_a_drill_bring_the_torque_of_a_layer_later_than_its_thrust():
+    """Half way in, half of the lips' length is in the layer, and a quarter of the lever it works at."""
+    drill = ForceModel(Tool("drill", 2, 0.006), Material.from_n_mm(900.0, 20.0, 0.0, 0.0, 700.0, 30.0))
+    layered = drill.with_effects(effect_class("layered_material")(0.4, 0.01, 0.02, border_m=0.002))
+
+    def more(place_m: float) -> np.ndarray:
+        cut = Cut(0.0, 30.0, 0.003, 0.003, 0.003, 0.0, 2.0 * np.pi, position_m=place_m)
+        thrust = [force_of(each, cut)[2] for each in (layered, drill)]
+        torque = [torque_of(each, cut) for each in (layered, drill)]
+        return np.array([thrust[0] / thrust[1], torque[0] / torque[1]]) - 1.0
+
+    np.testing.assert_allclose(more(0.008), 0.0, atol=1e-9)
+    np.testing.assert_allclose(more(0.01), [0.5 * 0.4, 0.25 * 0.4], rtol=1e-6)
+    np.testing.assert_allclose(more(0.02), 0.4, rtol=1e-6)
+    np.testing.assert_allclose(more(0.03), [0.5 * 0.4, 0.75 * 0.4], rtol=1e-6)

@@ -7,10 +7,11 @@ import pytest
 
 from mjx_cutting.tracing.along.layers import together
 from mjx_cutting.tracing.along.shapes import Sums, solve, sums
-from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.slow_kinds import KINDS, of_each_direction
 from mjx_cutting.tracing.records.course import Course
 
-SUMMED_FASTER = [kind for kind in KINDS if kind.sums is not None]
+SUMMED_FASTER = [kind for kind in (*KINDS, *of_each_direction(KINDS)) if kind.sums is not None]
+STACKED = [kind for kind in SUMMED_FASTER if kind.stack is not None]
 
 
 def course(samples: int, feed_m_s: float, apart: bool = False) -> Course:
@@ -30,6 +31,8 @@ def course(samples: int, feed_m_s: float, apart: bool = False) -> Course:
         rate_hz=500.0,
         band_hz=(0.0, 200.0),
         apart=apart,
+        by_direction=lambda: chip[..., None] * np.array([0.7, 0.2 * np.cos(tooth[0, 0]), 0.0]),
+        border_power=(1.0, 2.0, 1.0),
     )
 
 
@@ -45,9 +48,9 @@ def test_fast_sums_are_those_of_the_samples(kind, apart):
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_sums_of_a_stack_are_those_of_the_samples(apart):
+@pytest.mark.parametrize("layers", STACKED, ids=["alike", "by direction"])
+def test_sums_of_a_stack_are_those_of_the_samples(layers, apart):
     """Of records as short as the blocks are, exactly; however much longer one is than another."""
-    layers = next(each for each in KINDS if each.stack is not None)
     trials = [course(1500, 0.002, apart), course(2000, 0.004, apart)]
     shapes = np.array([[0.001, 0.001, 1e-4], [0.0015, 0.002, 3e-4], [0.004, 0.002, 1e-4]])
     exact, fast = together(layers, trials, shapes), layers.stack(trials)(shapes)
