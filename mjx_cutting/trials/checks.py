@@ -103,7 +103,7 @@ def finish(dataset: Dataset, outcomes: Iterable[tuple[Trial | LeftOut, Verdict]]
         else:
             trials.append(outcome)
         warnings += [f"{outcome.file}: {warning}" for warning in verdict.warnings]
-    idle = idle_cuts(trials)
+    idle = idle_cuts(trials, dataset.sensor.zeroed == "session")
     left_out += [LeftOut(file, why) for file, why in idle.items()]
     trials = [trial for trial in trials if trial.file not in idle]
     if not trials:

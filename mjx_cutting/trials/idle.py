@@ -11,14 +11,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjx_cutting.trials.dataset import Array, Trial
+from mjx_cutting.trials.in_air import less_the_air
 
 _SHARE = 0.12
 _FEWEST = 3
 _OF_NOISE = 4.0
 
 
-def idle_cuts(trials: Sequence[Trial]) -> dict[str, str]:
-    """Why a trial of kind "cut" is none, by file."""
+def idle_cuts(trials: Sequence[Trial], zeroed_once: bool = False) -> dict[str, str]:
+    """Why a trial of kind "cut" is none, by file.
+
+    Of a sensor that was `zeroed_once` for all trials, what cuts in air, if any, read is its zero.
+    """
+    if zeroed_once:
+        trials = less_the_air(trials)
     cuts = [trial for trial in trials if trial.kind == "cut"]
     if len(cuts) < _FEWEST:
         return {}

@@ -59,3 +59,16 @@ def test_a_light_cut_stays(light):
 
 def test_two_trials_say_nothing_of_each_other():
     assert idle_cuts([WHOLE[0], _cut("dddd.csv", 0.0)]) == {}
+
+
+@pytest.mark.parametrize(("zeroed", "left"), [("session", ["dddd.csv"]), ("trial", [])])
+def test_air_says_where_the_zero_of_a_sensor_is_that_was_zeroed_once(zeroed, left):
+    """Of one zeroed before each trial it says nothing."""
+    air = _cut("eeeee.csv", 21.0, kind="air")
+    made = Dataset(
+        name="s",
+        tool=ToolInfo("slitting_saw", 20, 0.05),
+        sensor=Sensor(500.0, zeroed=zeroed),
+        trials=(*WHOLE, _cut("dddd.csv", 20.0), air),
+    )
+    assert [each.file for each in sift(made).left_out] == left

@@ -11,11 +11,15 @@ from collections.abc import Sequence
 from functools import cache, partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import ForceModel, Material
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material
+from mjx_cutting.cutting.chip import Chip
+from mjx_cutting.cutting.effects.abstract import EdgeForce
 from mjx_cutting.cutting.effects.layered_material import BORDER_POWER
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
@@ -99,27 +103,33 @@ def _chip_and_edge(problem: Problem, model: ForceModel) -> tuple[Complex, Comple
     resistance of the chip: so is the force on a worn land."""
     constants = model.material
     edge = Material(0.0, constants.K_te_n_m, 0.0, constants.K_re_n_m, 0.0, constants.K_ae_n_m)
-    of_edge, whole = (_lines_with(problem, model, material) for material in (edge, constants))
+    of_edge, whole = (
+        _lines_of(problem, ForceModel(model.tool, material, model.effects)) for material in (edge, constants)
+    )
     return whole - of_edge, of_edge
 
 
+class _Only(AbstractEffect):
+    """Of the force of every tooth what is along each direction, tangential, radial, axial, times a share."""
+
+    stage = "edge"
+
+    share: ArrayLike
+
+    def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
+        return EdgeForce(force.chip * self.share, force.edge * self.share)
+
+
 def _directions(problem: Problem, model: ForceModel) -> Complex:
-    """[3, R, orders + 1, 3] lines of what the tangential, radial and axial constants have of the force, N."""
-    k = model.material
-    each = (
-        Material(k.K_tc_n_m2, k.K_te_n_m, 0.0, 0.0, 0.0, 0.0),
-        Material(0.0, 0.0, k.K_rc_n_m2, k.K_re_n_m, 0.0, 0.0),
-        Material(0.0, 0.0, 0.0, 0.0, k.K_ac_n_m2, k.K_ae_n_m),
-    )
-    none = _lines_with(problem, model, Material(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    return np.stack([_lines_with(problem, model, material) - none for material in each])
+    """[3, R, orders + 1, 3] lines of the tangential, radial and axial force of the teeth, N."""
+    each = (_lines_of(problem, model.with_effects(_Only(jnp.asarray(one)))) for one in np.eye(3))
+    return np.stack(list(each))
 
 
-def _lines_with(problem: Problem, model: ForceModel, material: Material) -> Complex:
-    """[R, orders + 1, 3] lines of a model with other constants, N."""
-    # the inertia of what the sensor carries is of no constant
+def _lines_of(problem: Problem, model: ForceModel) -> Complex:
+    """[R, orders + 1, 3] lines of a model, N, without the inertia of what the sensor carries: of no edge."""
     own = tuple(each for each in model.effects if type(each) not in problem.given)
-    return np.asarray(_lines(problem, ForceModel(model.tool, material, own)))
+    return np.asarray(_lines(problem, ForceModel(model.tool, model.material, own)))
 
 
 def _by_fold(

@@ -43,7 +43,7 @@ class Course:
         ahead_m: how far a tooth in the cut is ahead of the tool's centre, at least and at most.
         at_teeth: [K, 2, T, 3] complex waves of chip and edge whose teeth each turn with exp(i k x), of wave
             numbers k [K], rad/m, x the way from the middle of `ahead_m` to the tooth; None where not known.
-        by_direction: [T, 3, 3] what the tangential, radial and axial constants each have of the force; None
+        by_direction: [T, 3, 3] what the tangential, radial and axial force of the teeth have of it; None
             where not known.
         border_power: [3] what power of the way across a border of two layers the force along each axis goes
             with.
@@ -91,8 +91,8 @@ class Course:
         return np.where(self._known(edge_share), found[:, 0] + edge_share * found[:, 1], 0.0)
 
     def force_by_direction(self) -> Array:
-        """[T, 3, 3] what the tangential, radial and axial constants each have of the force, N; nil along an
-        axis as `force` is."""
+        """[T, 3, 3] what the tangential, radial and axial force of the teeth have of the force, N; nil along
+        an axis as `force` is."""
         assert self.by_direction is not None
         return np.where(self._known(1.0)[:, None], self.by_direction(), 0.0)
 

@@ -20,6 +20,7 @@ from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.steady import IN_CUT, sizes, steady
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
+from mjx_cutting.trials.in_air import less_the_air
 
 LEVEL_KINDS = ("drill", "turning")
 _AIR = 0.5
@@ -53,7 +54,7 @@ def as_levels(dataset: Dataset) -> Dataset:
     kind = dataset.tool.kind
     trials = [_channels(trial, kind) for trial in dataset.trials]
     once = dataset.sensor.zeroed != "trial"
-    known = _less_the_air(trials) if once else trials
+    known = less_the_air(trials) if once else trials
     airs = [_beside_the_cut(trial, kind) for trial in known]
     if _go_with_the_cut(known, airs):
         airs = [None] * len(trials)
@@ -205,20 +206,6 @@ def _beside_the_cut(trial: Trial, kind: str) -> slice | None:
         return slice(0, before)
     after = _air(trial.force_n[::-1]) if kind == "turning" else 0
     return slice(len(trial.force_n) - after, len(trial.force_n)) if after else None
-
-
-def _less_the_air(trials: list[Trial]) -> list[Trial]:
-    """The trials less what cuts in air, if any, read at their time of the clock: a zero may have drifted."""
-    airs = sorted((each for each in trials if each.kind == "air"), key=lambda each: each.clock_start_s)
-    if not airs:
-        return trials
-    clock = [each.clock_start_s for each in airs]
-    read = np.stack([each.force_n.mean(axis=0) for each in airs])
-
-    def zero(trial: Trial) -> Array:
-        return np.array([np.interp(trial.clock_start_s, clock, each) for each in read.T])
-
-    return [replace(trial, force_n=trial.force_n - zero(trial)) for trial in trials]
 
 
 def _as_in_air(trials: list[Trial], airs: list[slice | None], kind: str) -> list[slice | None]:

@@ -98,3 +98,34 @@ def test_a_wave_longer_than_the_arc_is_met_by_all_teeth_at_once(seen):
         found = each.at_teeth([1e-3])[0]
         for turned, whole in zip(found, (each.chip_n, each.edge_n), strict=True):
             np.testing.assert_allclose(turned, whole, atol=1e-4 * np.abs(whole).max())
+
+
+def test_directions_are_the_whole_force_and_each_its_own(seen):
+    """What a worn land adds is of the direction it presses in."""
+    (tc, _, _), (te, re, ae) = CHIP, EDGE
+    only = seen(_model((tc, 0.0, 0.0), (te, 0.0, 0.0)))
+    for one, worn, tangential in zip(
+        seen(_model(CHIP, EDGE)), seen(_model(CHIP, EDGE, WEAR)), only, strict=True
+    ):
+        for each in (one, worn):
+            whole = each.chip_n + each.edge_n
+            np.testing.assert_allclose(
+                each.force_by_direction().sum(axis=-1), whole, atol=1e-6 * np.abs(whole).max()
+            )
+        expected = tangential.chip_n + tangential.edge_n
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(
+            np.std(one.force_by_direction()[..., 0], axis=0),
+            np.std(expected, axis=0),
+            rtol=1e-2,
+            atol=1e-2 * size,
+        )
+        np.testing.assert_allclose(one.force_by_direction()[:, 2, :2], 0.0, atol=1e-9 * size)
+
+
+def test_directions_are_held_to_the_folds_as_the_force_is(seen):
+    folds = [_model(np.multiply(CHIP, share), np.multiply(EDGE, share)) for share in (1.1, 0.9)]
+    for each in seen(_model(CHIP, EDGE), *folds):
+        np.testing.assert_allclose(
+            each.without(1).force_by_direction(), 0.9 * each.force_by_direction(), rtol=1e-6
+        )
