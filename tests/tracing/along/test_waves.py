@@ -102,25 +102,17 @@ def test_a_wave_longer_than_the_arc_is_met_by_all_teeth_at_once(seen):
 
 def test_directions_are_the_whole_force_and_each_its_own(seen):
     """What a worn land adds is of the direction it presses in."""
-    (tc, _, _), (te, re, ae) = CHIP, EDGE
-    only = seen(_model((tc, 0.0, 0.0), (te, 0.0, 0.0)))
-    for one, worn, tangential in zip(
-        seen(_model(CHIP, EDGE)), seen(_model(CHIP, EDGE, WEAR)), only, strict=True
-    ):
-        for each in (one, worn):
-            whole = each.chip_n + each.edge_n
-            np.testing.assert_allclose(
-                each.force_by_direction().sum(axis=-1), whole, atol=1e-6 * np.abs(whole).max()
-            )
-        expected = tangential.chip_n + tangential.edge_n
-        size = np.abs(expected).max()
-        np.testing.assert_allclose(
-            np.std(one.force_by_direction()[..., 0], axis=0),
-            np.std(expected, axis=0),
-            rtol=1e-2,
-            atol=1e-2 * size,
-        )
-        np.testing.assert_allclose(one.force_by_direction()[:, 2, :2], 0.0, atol=1e-9 * size)
+    (tc, *_), (te, *_) = CHIP, EDGE
+    both = (seen(_model(CHIP, EDGE)), seen(_model(CHIP, EDGE, WEAR)))
+    for one in (*both[0], *both[1]):
+        whole = one.chip_n + one.edge_n
+        found = one.force_by_direction()
+        np.testing.assert_allclose(found.sum(axis=-1), whole, atol=1e-6 * np.abs(whole).max())
+        np.testing.assert_allclose(found[:, 2, :2], 0.0, atol=1e-9 * np.abs(whole).max())
+    for one, tangential in zip(both[0], seen(_model((tc, 0.0, 0.0), (te, 0.0, 0.0))), strict=True):
+        expected = np.std(tangential.chip_n + tangential.edge_n, axis=0)
+        found = np.std(one.force_by_direction()[..., 0], axis=0)
+        np.testing.assert_allclose(found, expected, rtol=1e-2, atol=1e-2 * expected.max())
 
 
 def test_directions_are_held_to_the_folds_as_the_force_is(seen):
