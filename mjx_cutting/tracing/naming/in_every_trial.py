@@ -6,9 +6,10 @@ of them. But an accident in one trial says nothing of the others: what it adds t
 was left. So where most of what was left in the lines of every trial is taken away, and the likeness is the
 same in all of them, scatter of the gain is no argument.
 
-Of levels, of which each trial has one, some trials have nothing to gain: the constants went through theirs.
-There it is enough that nearly all is taken away of what was left in the levels of all held-out trials, for
-what happened to one of them alone no fit to the others foretells, and that the fit is beyond chance by far.
+Some trials have nothing to gain: the constants went through theirs. So it is also enough that nearly all is
+taken away of what was left in all held-out trials, for what happened to one of them alone no fit to the
+others foretells, and that the fit is beyond chance by far. Where each trial has lines, not but a level, the
+same is asked of what is left in the others without the one that gains most.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 
 _LEFT = 0.25
-_LEFT_OF_LEVELS = 0.1
+_LEFT_OF_ALL = 0.1
 _BY_FAR = 1e-4
 _FEWEST = 3
 
@@ -43,7 +44,7 @@ def in_every_trial(
 ) -> bool:
     """Whether the last of `effects` takes three quarters of what was left in the lines of each held-out trial
     (squared, beyond the noise, or all but as much as that is), and is like it in each beyond what the best of
-    `tries` is by chance; of levels, nine tenths of what was left in all together.
+    `tries` is by chance; or nine tenths of what was left in all together, of lines also without any one.
 
     Arguments: `before`, `after` the errors without and with it; `by_chance` probability that chance lowers
         the error of the fit as much.
@@ -56,8 +57,13 @@ def in_every_trial(
         return by_trial(lines_of.reshape(len(lines_of), -1), lines.owner).sum(axis=1)
 
     noise, was, left = of_each(noise_squares(problem, lines)), of_each(old**2), of_each(new**2)
+    gained = np.sort(was - left)
+    without_one = 0.0 if problem.tool.kind in LEVEL_KINDS else gained[-1]
+    total = was.sum() - without_one
+    if by_chance < _BY_FAR and left.sum() < _LEFT_OF_ALL * total:
+        return True
     if problem.tool.kind in LEVEL_KINDS:
-        return bool(by_chance < _BY_FAR and left.sum() < _LEFT_OF_LEVELS * was.sum())
+        return False
     if len(was) < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
         return False
     likeness = of_each(old * added) / np.sqrt(np.maximum(was * of_each(added**2), 1e-300))

@@ -62,18 +62,42 @@ def test_what_takes_half_of_one_trial_and_most_of_the_others_is_not_in_every_tri
     assert found.verdict["effects"] == []
 
 
+@pytest.fixture
+def counted(monkeypatch):
+    """Call it with what was left in each trial before and after, squared, in units of the noise."""
+
+    def count(tool: str, before: Sequence[float], after: Sequence[float], by_chance: float) -> bool:
+        was, now = (np.sqrt(each)[:, None] for each in (before, after))
+        names = in_every_trial.__globals__
+        monkeypatch.setitem(names, "_left", lambda problem, lines, effects, _: now if effects else was)
+        monkeypatch.setitem(names, "noise_squares", lambda *_: np.zeros((len(was), 1)))
+        problem = SimpleNamespace(tool=SimpleNamespace(kind=tool))
+        lines = SimpleNamespace(owner=np.arange(len(was)))
+        return in_every_trial(problem, lines, (FlankWear,), None, None, 10, by_chance)
+
+    return count
+
+
 @pytest.mark.parametrize(
     ("left", "by_chance", "counts"), [(0.2, 1e-6, True), (1.5, 1e-6, False), (0.2, 4e-3, False)]
 )
 def test_of_levels_nearly_all_that_was_left_counts_whichever_trials_it_was_in(
-    monkeypatch, left, by_chance, counts
+    counted, left, by_chance, counts
 ):
     """The constants went through two of five levels: there is nothing to gain there."""
-    was = np.sqrt([9.4, 0.0, 0.0, 2.1, 2.6])[:, None]
-    now = np.sqrt([left, 0.0, 0.2, 0.0, 0.0])[:, None]
-    names = in_every_trial.__globals__
-    monkeypatch.setitem(names, "_left", lambda problem, lines, effects, _: now if effects else was)
-    monkeypatch.setitem(names, "noise_squares", lambda *_: np.zeros((5, 1)))
-    problem = SimpleNamespace(tool=SimpleNamespace(kind="turning"))
-    lines = SimpleNamespace(owner=np.arange(5))
-    assert in_every_trial(problem, lines, (FlankWear,), None, None, 10, by_chance) is counts
+    before, after = [9.4, 0.0, 0.0, 2.1, 2.6], [left, 0.0, 0.2, 0.0, 0.0]
+    assert counted("turning", before, after, by_chance) is counts
+
+
+@pytest.mark.parametrize(
+    ("others", "by_chance", "counts"),
+    [((600.0, 80.0), 0.0, True), ((600.0, 80.0), 1e-3, False), ((2.0, 3.0), 0.0, False)],
+    ids=["three gain", "by chance", "one alone gains"],
+)
+def test_of_lines_nearly_all_that_was_left_counts_if_it_was_in_several_trials(
+    counted, others, by_chance, counts
+):
+    """The constants went through the others, where noise is left."""
+    before = [1500.0, *others, 2.0, 1.0, 2.0, 1.5, 8.0]
+    after = [2.0, 1.0, 2.5, 1.5, 1.2, 2.0, 1.5, 8.5]
+    assert counted("slitting_saw", before, after, by_chance) is counts
