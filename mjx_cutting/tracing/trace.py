@@ -145,7 +145,8 @@ def _with_every_trial_or_one_less(
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
         # what the data set says of its axes is doubted only where another reading explains everything
         settled = said is None or again.verdict["verdict"] not in _OPEN
-        if settled and again.final.nrmse < _CLEARER * found.final.nrmse:
+        left, leaves = (max(each.final.nrmse**2 - each.floor_nrmse**2, 0.0) for each in (found, again))
+        if settled and leaves < _CLEARER**2 * left:
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
     if word not in _OPEN or (one := spoiled(found.dataset, found.final)) is None:
