@@ -149,7 +149,8 @@ def _with_every_trial_or_one_less(
         if settled and leaves < _CLEARER**2 * left:
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
-    if word not in _OPEN or (one := spoiled(found.dataset, found.final)) is None:
+    along = [each.heldout for each in found.slow[-1].candidates] if found.slow else []
+    if word not in _OPEN or (one := spoiled(found.dataset, found.final, along)) is None:
         return found
     progress(f"once more, without {one.file}")
     again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)

@@ -92,3 +92,32 @@ def test_a_sheet_of_another_material_is_left_out_though_it_spoils_all_fits(mill)
     verdict = trace(replace(dataset, trials=trials), effects=["size_effect"]).verdict
     assert verdict["verdict"] == "nothing missing"
     assert [each["file"] for each in verdict["left_out"]] == ["t03.csv"]
+
+
+def _explained(share: list[float]) -> tuple[HeldOut, HeldOut]:
+    """What is left of a trial each without and with an effect, and of which it explains so much."""
+    fold, energy = np.arange(len(share)), np.full((len(share), 3), 100.0)
+    left = np.full((len(share), 3), 4.0)
+    return tuple(
+        HeldOut(each, energy, None, fold) for each in (left, left * (1.0 - np.array(share))[:, None])
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "opposed"),
+    [
+        ([0.6, 0.7, 0.4, -0.2, 0.6, 0.7], True),
+        ([0.6, 0.7, 0.4, 0.1, 0.6, 0.7], False),
+        ([0.6, 0.7, 0.1, -0.2, 0.6, 0.7], False),
+        ([0.6, 0.7, -0.2, 0.6, 0.7], False),
+    ],
+    ids=["opposed", "not worse", "another not explained", "too few"],
+)
+def test_one_trial_that_what_explains_the_others_makes_worse_is_told(mill, share, opposed):
+    dataset = mill()
+    cuts = dataset.trials[: len(share)]
+    left, after = _explained(share)
+    found = spoiled(replace(dataset, trials=cuts), left, [after])
+    assert (found is not None) is opposed
+    if opposed:
+        assert found.file == cuts[3].file and "where on the path its record begins" in found.reason
