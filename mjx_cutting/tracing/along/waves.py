@@ -91,7 +91,7 @@ def courses(
                 edge_by_fold=edge_share[:, index],
                 ahead_m=ahead_m,
                 at_teeth=at_teeth,
-                by_direction=partial(by_direction, index, each.angle_rad),
+                by_direction=cache(partial(by_direction, index, each.angle_rad)),
                 border_power=border_power,
             )
         )
