@@ -5,8 +5,9 @@ Traced where the tool is in the cut (`along/engaged`), the force missing along t
 geometry. They may all show the sheet to begin at one place, met by the rim or by the axis; where the tool
 leaves is then taken as each record has it. Where each record has a place of its own (sheets clamped anew, a
 recorder started by hand), that is found on it, as its phase is, and what is repeatable is the way in and out:
-positions then count from the first touch. A tool that is lowered into the sheet is all in at once: the
-geometry must leave less than half of what that leaves, and hardly any of what is missing.
+positions then count from the first touch, or, where a place of the sheet counts from its edge, from where the
+axis meets that. A tool that is lowered into the sheet is all in at once: the geometry must leave less than
+half of what that leaves, and hardly any of what is missing.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
         start, by_axis = found
         ends[:, 0] = start.value - by_axis * reach
     elif _by_geometry(outside, ends, touched, weight, inside.lines.noise_std_n()):
-        start, by_axis = Interval(0.0, 0.0, 0.0, "m"), 0.0
+        start, by_axis = Interval(0.0, 0.0, 0.0, "m"), float(part.from_the_edge)
     else:
         return inside
     full_m = dict(zip(files, (ends[:, 0] + reach).tolist(), strict=True))
@@ -83,10 +84,11 @@ def entered(whole: Pass, inside: Pass, part: Engaged, one_pass: Callable[[Datase
         return inside
     sentence = "everything else was traced where the tool is fully in the sheet"
     if found is None:
+        counted = "where the tool's axis meets the edge" if part.from_the_edge else "the first touch"
         sentence += (
             "; where that begins and ends is each record's own and was found on it, so that positions "
+            f"count from {counted}"
         )
-        sentence += "count from the first touch"
     else:
         sentence += f", which {met(start.value, by_axis)} in every trial"
     place = [trial.file for trial in whole.dataset.trials if trial.kind == "cut"]

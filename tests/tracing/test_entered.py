@@ -32,7 +32,7 @@ def _after_long_air(dataset: Dataset, located: bool) -> Dataset:
 @pytest.mark.slow
 @pytest.mark.parametrize("located", [True, False])
 def test_entry_behind_long_air(located, names_the_edge):
-    """Without positions every record has a place of its own, and positions count from the first touch."""
+    """Without positions every record has a place of its own, and positions count from the sheet's edge."""
     case = make("mill", {"entry_exit": "medium"}, 45)
     found = trace(_after_long_air(case.dataset, located), effects=("radial_runout", "entry_exit")).verdict
     if located:
@@ -40,7 +40,9 @@ def test_entry_behind_long_air(located, names_the_edge):
     (named,) = found["effects"]
     assert named["name"] == "entry_exit" and named["parameters"]["start_m"]["value"] == 0.0
     assert named["parameters"]["share"]["value"] == pytest.approx(1.0, abs=0.05)
+    assert named["parameters"]["by_axis"]["value"] == 1.0
     assert any("each record's own" in sentence for sentence in named["evidence"])
+    assert any("where the tool's axis meets the edge" in sentence for sentence in named["evidence"])
     assert found["after"]["heldout_nrmse"] < 0.1 * found["before"]["heldout_nrmse"]
 
 
