@@ -43,6 +43,7 @@ _SHARE_OF_OWN = 0.5
 _TESTED_OF_ALL = 3
 _FEWEST_OF_A_CURVE = 8
 _CURVE_TERMS = 5
+_TOLD = 3
 
 
 @dataclass(frozen=True)
@@ -279,12 +280,14 @@ def _own(
     own: OwnFactors, predictions: Sequence[Prediction], band: float, across: Sequence[Dependence]
 ) -> Dependence:
     """A factor of each trial's own, against what is left without it; unless a condition tells most of it."""
-    told = [each.share for each in across if each.p_value < SIGNIFICANT]
+    by_condition = [each.share for each in across if each.p_value < SIGNIFICANT]
     freedom = sum(3 * band * len(each.time_s) for each in predictions)
     statistic = (own.share / len(own.factor)) / max((1.0 - own.share) / freedom, 1e-300)
     p_value = stats.f.sf(statistic, len(own.factor), freedom)
-    p_value = 1.0 if max(told, default=0.0) > _SHARE_OF_OWN * own.share else p_value
-    return replace(_entry("trial", p_value, own.share), factor=own.size)
+    p_value = 1.0 if max(by_condition, default=0.0) > _SHARE_OF_OWN * own.share else p_value
+    entry, most = _entry("trial", p_value, own.share), np.argsort(-np.abs(own.factor))[:_TOLD]
+    told = ", ".join(f"{predictions[each].file} {own.factor[each]:+.0%}" for each in most)
+    return replace(entry, factor=own.size, look_for=f"{entry.look_for}; most in {told}")
 
 
 def _across(dataset: Dataset, predictions: Sequence[Prediction], own: OwnFactors) -> list[Dependence]:

@@ -150,6 +150,7 @@ def test_a_factor_of_each_trials_own_ties_neither_axes_nor_teeth(dataset):
     whole = sum(np.sum(p.measured_n**2) for p in larger)
     assert found[0].factor == pytest.approx(np.sqrt(np.mean((size - 1.0) ** 2)), rel=0.1)
     assert found[0].of_force == pytest.approx(np.sqrt(energy / whole), rel=0.05)
+    assert all(each in found[0].look_for for each in ("t01.csv +3%", "t02.csv -3%"))
 
 
 def test_a_factor_that_comes_and_goes_by_the_clock_is_told(dataset):
