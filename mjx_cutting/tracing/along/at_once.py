@@ -94,7 +94,7 @@ def _at(
         effect = kind.build(shape, whole[part])
         values = [as_values(kind.build(shape, c[part])) for c in by_fold]
         told = intervals(kind, effect, values, each.unsure)
-        by_strength = {name for name in told if len({str(each[name]) for each in values}) > 1}
+        by_strength = {name for name in told if len({each[name].tobytes() for each in values}) > 1}
         parameters = {
             name: told[name] if name in by_strength else _centred(interval, told[name].value)
             for name, interval in each.decision.parameters.items()
