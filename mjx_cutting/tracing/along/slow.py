@@ -51,7 +51,7 @@ def search_slow(
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
 
     Layers change all constants alike; or those of the chip alone, or those of each direction by their own,
-    where much less is left then.
+    whichever force free in position asks for, where much less is left then.
 
     Arguments:
         trials: courses of the cut trials.
@@ -65,21 +65,20 @@ def search_slow(
     """
     rest = (progress, tolerance, in_range)
     found = _search(trials, before, weight, names, kinds, whole_force, *rest)
+    if not _like_layers(found):
+        return found
     # what is apart in them, how they are then looked for, and what they are held to
     ways: list[tuple[Carrier, Callable[[Sequence[Kind]], tuple[Kind, ...]], Carrier]]
     ways = [(_chip_and_edge, of_the_chip, whole_force)]
     if all(each.by_direction is not None for each in trials):
         ways.append((Course.force_by_direction, of_each_direction, Course.force_by_direction))
-    for apart, of_such, free in ways:
-        if not _like_layers(found):
-            break
-        error = _left_by(found)
-        most = free_in_position(less(trials, found), error, weight, apart)
-        if most < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
-            continue
-        other = _search(trials, before, weight, names, of_such(kinds), free, *rest)
-        found = other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
-    return found
+    left, error = less(trials, found), _left_by(found)
+    falls = [free_in_position(left, error, weight, apart) for apart, _, _ in ways]
+    if max(falls) < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
+        return found
+    _, of_such, free = ways[int(np.argmax(falls))]
+    other = _search(trials, before, weight, names, of_such(kinds), free, *rest)
+    return other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
 
 
 def _chip_and_edge(course: Course) -> Array:
