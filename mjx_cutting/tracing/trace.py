@@ -43,7 +43,7 @@ from mjx_cutting.tracing.naming.decision import gain_over_trials
 from mjx_cutting.tracing.naming.lesser_part import refused
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
-from mjx_cutting.tracing.passes import Pass, for_use, near_floor
+from mjx_cutting.tracing.passes import Pass, for_use, missing, near_floor
 from mjx_cutting.tracing.records.followed_angle import as_followed
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels, zeros_known
 from mjx_cutting.tracing.records.lines import trusted_band
@@ -145,8 +145,7 @@ def _with_every_trial_or_one_less(
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
         # what the data set says of its axes is doubted only where another reading explains everything
         settled = said is None or again.verdict["verdict"] not in _OPEN
-        left, leaves = (max(each.final.nrmse**2 - each.floor_nrmse**2, 0.0) for each in (found, again))
-        if settled and leaves < _CLEARER**2 * left:
+        if settled and missing(again) < _CLEARER**2 * missing(found):
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
     along = [each.heldout for each in found.slow[-1].candidates] if found.slow else []

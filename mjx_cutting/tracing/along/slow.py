@@ -18,6 +18,7 @@ from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound, less,
 from mjx_cutting.tracing.along.slow_try import (
     IN_POSITION,
     Asked,
+    Carrier,
     fall_of_error,
     free_in_position,
     try_one,
@@ -35,7 +36,6 @@ _BLENDED = 0.4
 _AT_ONE = 0.02
 _MUCH_LESS = 0.9
 Array = NDArray[np.floating]
-Carrier = Callable[[Course], Array]
 
 
 def search_slow(

@@ -38,6 +38,8 @@ _HARDLY = 1e-3
 _SHARE_OF_FREE = 0.85
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
 Array = NDArray[np.floating]
+Carrier = Callable[[Course], Array]
+"""The waves of a trial [T, 3, k] that may vary with position, each by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,7 @@ def free_in_position(
     trials: Sequence[Course],
     before: HeldOut,
     weight: Array,
-    carrier: Callable[[Course], Array] = whole_force,
+    carrier: Carrier = whole_force,
 ) -> float:
     """Fall of the weighted squared error on held-out trials that force free to vary with position brings,
     each of the waves of `carrier` [T, 3, k] by itself."""

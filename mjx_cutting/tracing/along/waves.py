@@ -1,4 +1,5 @@
-"""The force of the best steady model in every trial, split into what chip and edge have of it.
+"""The force of the best steady model in every trial, split into what chip and edge have of it, and if asked
+into what each direction has.
 
 Effects along a trial act on these waves, so how large one is, as a share, is known no better than they are.
 Where each trial has a bias of its own behind a slow sensor, that is ten per cent and more: the fits with a
@@ -122,8 +123,7 @@ class _Only(AbstractEffect):
 
 def _directions(problem: Problem, model: ForceModel) -> Complex:
     """[3, R, orders + 1, 3] lines of the tangential, radial and axial force of the teeth, N."""
-    each = (_lines_of(problem, model.with_effects(_Only(jnp.asarray(one)))) for one in np.eye(3))
-    return np.stack(list(each))
+    return np.stack([_lines_of(problem, model.with_effects(_Only(jnp.asarray(one)))) for one in np.eye(3)])
 
 
 def _lines_of(problem: Problem, model: ForceModel) -> Complex:

@@ -57,14 +57,11 @@ def in_every_trial(
         return by_trial(lines_of.reshape(len(lines_of), -1), lines.owner).sum(axis=1)
 
     noise, was, left = of_each(noise_squares(problem, lines)), of_each(old**2), of_each(new**2)
-    gained = np.sort(was - left)
-    without_one = 0.0 if problem.tool.kind in LEVEL_KINDS else gained[-1]
-    total = was.sum() - without_one
-    if by_chance < _BY_FAR and left.sum() < _LEFT_OF_ALL * total:
+    levels = problem.tool.kind in LEVEL_KINDS
+    counted = was.sum() - (0.0 if levels else np.max(was - left))
+    if by_chance < _BY_FAR and left.sum() < _LEFT_OF_ALL * counted:
         return True
-    if problem.tool.kind in LEVEL_KINDS:
-        return False
-    if len(was) < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
+    if levels or len(was) < _FEWEST or np.any(left - noise > np.maximum(_LEFT * (was - noise), noise)):
         return False
     likeness = of_each(old * added) / np.sqrt(np.maximum(was * of_each(added**2), 1e-300))
     return bool(tries * stats.t.sf(surely(likeness), len(was) - 1) < CHANCE)

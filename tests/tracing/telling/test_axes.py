@@ -82,3 +82,26 @@ def test_what_the_data_set_says_of_its_axes_is_kept_where_another_reading_leaves
 
 def test_forces_that_fit_as_they_are_are_left_alone(mill):
     assert _reading(mill(Hidden(runout_m=2e-5))) is None
+
+
+@pytest.mark.slow
+def test_a_wrong_sign_that_two_effects_nearly_explain_is_found_beneath_noise(hiding):
+    """Noise is most of what either reading leaves."""
+    cutoff_hz, noise_n = 260.0, 8.0
+    clean = hiding({"sensor_lowpass": {"cutoff_hz": cutoff_hz, "order": 1.0}})
+    noise = np.random.default_rng(0)
+    trials = tuple(
+        replace(
+            trial,
+            force_n=(trial.force_n + noise_n * noise.normal(size=trial.force_n.shape)) * [1.0, -1.0, 1.0],
+        )
+        for trial in clean.trials
+    )
+    found = trace(
+        replace(clean, trials=trials, axes=None, sensor=replace(clean.sensor, noise_std_n=None)),
+        effects=("sensor_lowpass", "robot_mode", "time_offset"),
+    )
+    (named,) = found.verdict["effects"]
+    assert (found.verdict["verdict"], named["name"]) == ("explained", "sensor_lowpass")
+    assert found.dataset.axes[1] == "-y"
+    assert named["parameters"]["cutoff_hz"]["value"] == pytest.approx(cutoff_hz, rel=0.05)
