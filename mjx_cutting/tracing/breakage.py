@@ -20,7 +20,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.spindle import spindle_angle, spindle_speed
-from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, LeftOut, Trial
 
 _TURNS = 6
 _SAMPLES_PER_LINE = 3
@@ -86,7 +86,7 @@ def parted_at_breakage(dataset: Dataset) -> Dataset:
     ordered = len({each.cut_length_before_m for each in cuts}) > 1
     if dataset.tool.kind in LEVEL_KINDS or teeth < 2 or not ordered:
         return dataset
-    turned = [_turned(trial, teeth) for trial in cuts]
+    turned = [_turned(trial, teeth, dataset.sensor.anti_alias) for trial in cuts]
     blocks = [(each, block) for each in turned for block in each.blocks()]
     between = broken_between(
         np.array([each.apart(block) for each, block in blocks]),
@@ -102,8 +102,8 @@ def parted_at_breakage(dataset: Dataset) -> Dataset:
     return replace(dataset, trials=trials, left_out=(*dataset.left_out, *short))
 
 
-def _turned(trial: Trial, teeth: int) -> _Turned:
-    speed, sampled = spindle_speed(trial, teeth), rate_hz(trial)
+def _turned(trial: Trial, teeth: int, alias: AntiAlias | None) -> _Turned:
+    speed, sampled = spindle_speed(trial, teeth, alias), rate_hz(trial)
     highest = max(int(np.minimum(_HARMONICS * teeth, _UNFOLDED * sampled / speed)), 1)
     passing = teeth * np.arange(1, _HARMONICS + 1)
     order = np.union1d(np.arange(1, highest + 1), passing)

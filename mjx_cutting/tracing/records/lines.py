@@ -155,14 +155,14 @@ def compress(
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     if not trials:
         raise ValueError("the dataset has no cut trial; tracing needs at least one of kind 'cut'")
-    levels = dataset.tool.kind in LEVEL_KINDS
+    levels, alias = dataset.tool.kind in LEVEL_KINDS, dataset.sensor.anti_alias
     if levels:
         speeds = np.array([measured_speed(trial) or stated_speed(trial) for trial in trials])
     elif about_rev_s is None:
-        speeds = spindle_speeds(trials, dataset.tool)
+        speeds = spindle_speeds(trials, dataset.tool, alias)
     else:
         pairs = zip(trials, about_rev_s, strict=True)
-        speeds = np.array([spindle_speed(trial, dataset.tool.teeth, float(f)) for trial, f in pairs])
+        speeds = np.array([spindle_speed(trial, dataset.tool.teeth, alias, float(f)) for trial, f in pairs])
     if like is not None:
         return _read(dataset, trials, speeds, band_hz, like.followed)
     highest = 0 if levels else _highest_order(dataset, band_hz, float(speeds.min()))

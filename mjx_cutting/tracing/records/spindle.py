@@ -3,9 +3,10 @@
 A cut repeats every revolution, so its energy stands at multiples of the spindle frequency f. The speed is the
 f within `SPREAD` of the nominal that collects the most energy at its multiples; the error of that estimate
 falls as T^(-3/2) (Rife and Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591-598). Lines above half the
-sampling rate are looked for where they fold to. Where the spindle angle was measured, it is used and nothing
-is estimated. Where a measured speed changes within the record, the multiples are those of the angle that it
-integrates to (`even_time`).
+sampling rate are looked for where they fold to, but no line counts more than a known filter could have let
+through: a strong one of the spindle's own order may stand where tooth passing of another speed folds to.
+Where the spindle angle was measured, it is used and nothing is estimated. Where a measured speed changes
+within the record, the multiples are those of the angle that it integrates to (`even_time`).
 
 A motor that gives way under load runs several per cent slow. No trial is searched that far by itself: many
 combs share lines (with N teeth, one N / (N + 1) as fast holds tooth passing too, at order N + 1; a sampled
@@ -28,7 +29,8 @@ from mjx_cutting.cutting import arc
 from mjx_cutting.tracing.records.blocks import block_edges, block_means
 from mjx_cutting.tracing.records.course import rate_hz
 from mjx_cutting.tracing.records.even_time import even_time, from_start
-from mjx_cutting.trials.dataset import Dataset, ToolInfo, Trial
+from mjx_cutting.tracing.records.line_gain import filter_gain
+from mjx_cutting.trials.dataset import AntiAlias, Dataset, ToolInfo, Trial
 
 Array = NDArray[np.floating]
 SPREAD = 0.01
@@ -46,6 +48,7 @@ _EDGE_SHARES = np.linspace(0.0, 0.9, 10)
 _BETWEEN_TEETH = 0.6
 _OVER_NOISE = 10.0
 _CLEARLY_TRIALS = 1.0
+_MOST_OF_A_LINE = 2.0
 
 
 def spindle_angle(trial: Trial, speed_rev_s: float) -> Array:
@@ -72,13 +75,18 @@ def measured_speed(trial: Trial) -> float | None:
 
 
 def spindle_speed(
-    trial: Trial, teeth: int, about_rev_s: float | None = None, spread: float = SPREAD
+    trial: Trial,
+    teeth: int,
+    alias: AntiAlias | None,
+    about_rev_s: float | None = None,
+    spread: float = SPREAD,
 ) -> float:
     """The trial's spindle speed, rev/s.
 
     Arguments:
         trial: the record; read are its forces, its times and its stated speed.
         teeth: N; lines up to four times tooth passing are used.
+        alias: the filter known to stand before sampling, if any.
         about_rev_s: middle of the range searched, default the stated speed; `spread` half of that range, as
             a share of it.
 
@@ -92,9 +100,10 @@ def spindle_speed(
         return middle
     orders = _orders(trial, teeth)
     candidates, step = _candidates(middle, spread, spread, time, orders)
-    power = _coarse_power(signal, time, orders, candidates, teeth) @ _weights(orders, teeth)
-    best = float(candidates[int(np.argmax(power))])
-    strength = _comb(signal, time, orders, best, teeth) * _standing_alone(time, orders, best)
+    most = _most_power(trial, orders * middle, alias)
+    power = np.minimum(_coarse_power(signal, time, orders, candidates, teeth), most)
+    best = float(candidates[int(np.argmax(power @ _weights(orders, teeth)))])
+    strength = _comb(signal, time, orders, best, teeth, most) * _standing_alone(time, orders, best)
     strongest = orders[np.argsort(strength)[-_REFINED:]]
     strongest = strongest[np.sort(strength)[-_REFINED:] > 0.0]
     # the coarse spectrum cannot place the peak better than a bin of its strongest line
@@ -104,11 +113,12 @@ def spindle_speed(
     return _refine(energy, float(near[int(np.argmax([energy(float(each)) for each in near]))]), step)
 
 
-def spindle_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
-    """[R] speeds of the cut trials of a session, rev/s, the motor's giving way looked for."""
+def spindle_speeds(trials: Sequence[Trial], tool: ToolInfo, alias: AntiAlias | None) -> Array:
+    """[R] speeds of the cut trials of a session behind a filter that is known, if any, rev/s, the motor's
+    giving way looked for."""
     stated = np.array([stated_speed(trial) for trial in trials])
-    about = loaded_speeds(trials, tool)
-    found = _about(trials, tool.teeth, about)
+    about = loaded_speeds(trials, tool, alias)
+    found = _about(trials, tool.teeth, alias, about)
     if np.array_equal(about, stated):
         return found
     # the law's grid is coarse: once more, about the motor that fits what was found
@@ -117,34 +127,43 @@ def spindle_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
     weights, _ = nnls(columns, stated - found)
     # what the law says is off too; but many teeth leave no room before the comb of one tooth more
     spread = max(SPREAD, min(_LAW_OFF * SPREAD, _OF_A_TOOTH / tool.teeth))
-    return _about(trials, tool.teeth, stated - columns @ weights, spread)
+    return _about(trials, tool.teeth, alias, stated - columns @ weights, spread)
 
 
-def _about(trials: Sequence[Trial], teeth: int, middle_rev_s: Array, spread: float = SPREAD) -> Array:
+def _about(
+    trials: Sequence[Trial],
+    teeth: int,
+    alias: AntiAlias | None,
+    middle_rev_s: Array,
+    spread: float = SPREAD,
+) -> Array:
     pairs = zip(trials, middle_rev_s, strict=True)
-    return np.array([spindle_speed(trial, teeth, float(f), spread) for trial, f in pairs])
+    return np.array([spindle_speed(trial, teeth, alias, float(f), spread) for trial, f in pairs])
 
 
 def as_turned(dataset: Dataset) -> Dataset:
     """The data set, the speeds that were measured in its cuts left out of account, but for their mean, where
     the force has its lines at an even speed rather than along the angle that they integrate to."""
-    return replace(dataset, trials=tuple(_agreed(trial, dataset.tool.teeth) for trial in dataset.trials))
+    teeth, alias = dataset.tool.teeth, dataset.sensor.anti_alias
+    return replace(dataset, trials=tuple(_agreed(trial, teeth, alias) for trial in dataset.trials))
 
 
-def _agreed(trial: Trial, teeth: int) -> Trial:
+def _agreed(trial: Trial, teeth: int, alias: AntiAlias | None) -> Trial:
     measured = trial.spindle_speed_measured_rev_s
     if measured is None or trial.kind != "cut" or even_time(trial) is None:
         return trial
     evenly = replace(trial, spindle_speed_measured_rev_s=np.full_like(measured, np.mean(measured)))
-    return evenly if _collected(evenly, teeth) > _collected(trial, teeth) else trial
+    return evenly if _collected(evenly, teeth, alias) > _collected(trial, teeth, alias) else trial
 
 
-def _collected(trial: Trial, teeth: int) -> float:
+def _collected(trial: Trial, teeth: int, alias: AntiAlias | None) -> float:
     """Energy at the orders of the trial's spindle speed."""
-    return float(np.sum(_comb(*_windowed(trial), _orders(trial, teeth), spindle_speed(trial, teeth), teeth)))
+    speed, orders = spindle_speed(trial, teeth, alias), _orders(trial, teeth)
+    most = _most_power(trial, orders * speed, alias)
+    return float(np.sum(_comb(*_windowed(trial), orders, speed, teeth, most)))
 
 
-def loaded_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
+def loaded_speeds(trials: Sequence[Trial], tool: ToolInfo, alias: AntiAlias | None) -> Array:
     """[R] stated speeds, or those of the motor that gives way whose combs collect clearly more energy.
 
     Energy is counted in trials: one whose comb holds all it can counts 1.
@@ -153,7 +172,7 @@ def loaded_speeds(trials: Sequence[Trial], tool: ToolInfo) -> Array:
     if any(trial.spindle_angle_rad is not None for trial in trials) or len(trials) < 3:
         return stated
     chip, edge = _all_loads(trials, tool)
-    found = [_within_reach(trial, tool.teeth) for trial in trials]
+    found = [_within_reach(trial, tool.teeth, alias) for trial in trials]
     if not np.all(chip > 0.0) or any(one is None for one in found):
         return stated
 
@@ -194,7 +213,7 @@ def _loads(trial: Trial, tool: ToolInfo) -> tuple[float, float]:
     return chip, trial.axial_width_m * float(exit_ - entry)
 
 
-def _within_reach(trial: Trial, teeth: int) -> tuple[Array, Array] | None:
+def _within_reach(trial: Trial, teeth: int, alias: AntiAlias | None) -> tuple[Array, Array] | None:
     """Speeds down to `SLOWEST` below the stated one, and the energy of the best comb within `SPREAD` of each.
 
     Energy is counted from the usual one of all speeds and in units of the best. A line between tooth passing
@@ -206,7 +225,8 @@ def _within_reach(trial: Trial, teeth: int) -> tuple[Array, Array] | None:
     orders = _orders(trial, teeth)
     stated = stated_speed(trial)
     candidates, step = _candidates(stated, SLOWEST, 2.0 * SPREAD, time, orders)
-    power = _coarse_power(signal, time, orders, candidates, teeth)
+    most = _most_power(trial, orders * stated, alias)
+    power = np.minimum(_coarse_power(signal, time, orders, candidates, teeth), most)
     # by the logarithm, so that many lines in their places say more than one strong line
     heard = np.log1p(power / (_OVER_NOISE * np.median(power))) @ _weights(orders, teeth)
     energy = np.maximum(heard - np.median(heard), 0.0)
@@ -315,10 +335,25 @@ def _energy_near(
     return energy
 
 
-def _comb(signal: Array, time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int) -> Array:
-    """[F] exact energy of the record at each order of a speed, weighted."""
+def _comb(
+    signal: Array,
+    time: Array,
+    orders: NDArray[np.int64],
+    speed_rev_s: float,
+    teeth: int,
+    most: Array,
+) -> Array:
+    """[F] exact energy of the record at each order of a speed, weighted; of each no more than `most` [F]."""
     wave = _wave(time, orders * speed_rev_s)
-    return np.sum(np.abs(wave @ signal) ** 2, axis=1) * _weights(orders, teeth)
+    return np.minimum(np.sum(np.abs(wave @ signal) ** 2, axis=1), most) * _weights(orders, teeth)
+
+
+def _most_power(trial: Trial, frequency_hz: Array, alias: AntiAlias | None) -> Array:
+    """[F] the most that a line of a frequency can hold of the windowed record, behind a filter that is known:
+    as many times what would be if all of the force were one wave there."""
+    force = trial.signals[:, ~np.isnan(trial.signals).any(axis=0)]
+    wave = 0.5 * len(force) * np.sqrt(0.5 * np.sum(np.mean(force**2, axis=0)))
+    return (_MOST_OF_A_LINE * wave * np.abs(filter_gain(alias, frequency_hz))) ** 2
 
 
 def _wave(time: Array, frequency_hz: Array) -> NDArray[np.complexfloating]:

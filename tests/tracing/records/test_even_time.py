@@ -69,7 +69,7 @@ def test_its_mean_speed_is_found_along_the_angle(ramping, mill):
         ramping.trials, mill(Hidden(runout_m=1.2e-5, runout_angle_rad=0.7)).trials, strict=True
     ):
         teeth = ramping.tool.teeth
-        assert spindle_speed(trial, teeth) == pytest.approx(spindle_speed(even, teeth), rel=1e-4)
+        assert spindle_speed(trial, teeth, None) == pytest.approx(spindle_speed(even, teeth, None), rel=1e-4)
     assert as_turned(ramping).trials == ramping.trials
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.tracing.records.spindle import loaded_speeds, spindle_angle, spindle_speed, spindle_speeds
-from mjx_cutting.trials.dataset import ToolInfo, Trial
+from mjx_cutting.trials.dataset import AntiAlias, ToolInfo, Trial
 
 
 def _tone(true_rev_s: float, rate_hz: float, seconds: float, order: int, noise: float) -> Trial:
@@ -25,7 +25,7 @@ def _tone(true_rev_s: float, rate_hz: float, seconds: float, order: int, noise: 
 @pytest.mark.parametrize("deviation", [-0.009, -0.0013, 0.0, 0.0071])
 def test_speed_off_nominal_is_found(deviation):
     true = 20.0 * (1.0 + deviation)
-    found = spindle_speed(_tone(true, 1000.0, 4.0, order=3, noise=0.5), teeth=3)
+    found = spindle_speed(_tone(true, 1000.0, 4.0, order=3, noise=0.5), teeth=3, alias=None)
     # Cramer-Rao bound sqrt(6) sigma / (pi A order T sqrt(n)) = 5e-4 rev/s; twice that is allowed
     assert abs(found - true) < 1e-3
 
@@ -33,14 +33,22 @@ def test_speed_off_nominal_is_found(deviation):
 def test_a_line_folded_by_sampling_is_found():
     true = 19.0 * 1.004
     trial = dataclasses.replace(_tone(true, 500.0, 5.0, order=20, noise=0.2), spindle_speed_rev_s=19.0)
-    assert abs(spindle_speed(trial, teeth=20) - true) < 1e-3
+    assert abs(spindle_speed(trial, teeth=20, alias=None) - true) < 1e-3
+
+
+def test_a_line_that_the_filter_holds_back_is_not_taken_for_a_stronger_one():
+    """With 20 teeth and 500 Hz tooth passing at 526.6 Hz folds to where runout of 26.6 rev/s has its line."""
+    trial = dataclasses.replace(_tone(26.607, 500.0, 5.0, order=1, noise=0.1), spindle_speed_rev_s=26.5)
+    behind_a_filter = spindle_speed(trial, teeth=20, alias=AntiAlias("butterworth", 4, 200.0, False))
+    assert behind_a_filter == pytest.approx(26.607, abs=0.01)
+    assert spindle_speed(trial, teeth=20, alias=None) == pytest.approx((500.0 + 26.607) / 20, abs=0.01)
 
 
 def test_a_measured_angle_is_believed():
     trial = _tone(20.1, 1000.0, 2.0, order=1, noise=0.1)
     angle = 2 * np.pi * 20.05 * trial.time_s + 0.7
     measured = dataclasses.replace(trial, spindle_angle_rad=np.mod(angle, 2 * np.pi))
-    assert spindle_speed(measured, teeth=1) == pytest.approx(20.05, abs=1e-6)
+    assert spindle_speed(measured, teeth=1, alias=None) == pytest.approx(20.05, abs=1e-6)
     np.testing.assert_allclose(
         spindle_angle(measured, 1.0) - angle, spindle_angle(measured, 1.0)[0] - angle[0], atol=1e-9
     )
@@ -48,7 +56,7 @@ def test_a_measured_angle_is_believed():
 
 def test_silence_keeps_the_nominal_speed():
     trial = _tone(20.0, 1000.0, 1.0, order=1, noise=0.0)
-    assert spindle_speed(dataclasses.replace(trial, force_n=np.zeros((1000, 3))), teeth=2) == 20.0
+    assert spindle_speed(dataclasses.replace(trial, force_n=np.zeros((1000, 3))), teeth=2, alias=None) == 20.0
 
 
 TOOL = ToolInfo("end_mill", 3, 0.02)
@@ -71,12 +79,12 @@ def _session(loss, strong_between: float = 0.0) -> tuple[list[Trial], np.ndarray
 
 def test_a_motor_that_gives_way_under_load_is_followed():
     trials, true = _session(loss=25.0)  # a tenth of the speed at the widest
-    np.testing.assert_allclose(spindle_speeds(trials, TOOL), true, rtol=1e-4)
+    np.testing.assert_allclose(spindle_speeds(trials, TOOL, None), true, rtol=1e-4)
 
 
 @pytest.mark.parametrize("between", [0.0, 3.0])
 def test_an_even_spindle_is_not_left_for_a_comb_that_shares_its_lines(between):
     """With three teeth a spindle 3/4 as fast has tooth passing at its order 4; order 2 is runout here."""
     trials, true = _session(loss=0.0, strong_between=between)
-    np.testing.assert_array_equal(loaded_speeds(trials, TOOL), 20.0)
-    np.testing.assert_allclose(spindle_speeds(trials, TOOL), true, rtol=1e-4)
+    np.testing.assert_array_equal(loaded_speeds(trials, TOOL, None), 20.0)
+    np.testing.assert_allclose(spindle_speeds(trials, TOOL, None), true, rtol=1e-4)
