@@ -49,6 +49,7 @@ _BETWEEN_TEETH = 0.6
 _OVER_NOISE = 10.0
 _CLEARLY_TRIALS = 1.0
 _MOST_OF_A_LINE = 2.0
+_SLOW = 0.5
 
 
 def spindle_angle(trial: Trial, speed_rev_s: float) -> Array:
@@ -281,6 +282,7 @@ def _coarse_power(
     cycles = np.multiply.outer(candidates, orders) * interval
     folded = np.abs(cycles - np.round(cycles))
     heard = _apart(folded / interval, orders, teeth, time[-1])
+    heard *= ~_slow(folded / interval, candidates, orders, teeth)
     return spectrum[np.round(folded * length).astype(int)] * heard
 
 
@@ -296,6 +298,14 @@ def _apart(folded_hz: Array, orders: NDArray[np.int64], teeth: int, span_s: floa
         close = np.abs(folded_hz - folded_hz[:, index : index + 1]) < _RESOLVED / span_s
         heard[close & (~is_tooth | (orders > orders[index]))] = 0.0
     return heard
+
+
+def _slow(folded_hz: Array, candidates: Array, orders: NDArray[np.int64], teeth: int) -> NDArray[np.bool_]:
+    """[C, F] the harmonics of tooth passing that fold to where the force itself changes slowly, by layers or
+    at the ends of the cut, while tooth passing does not: it tells the speed without them."""
+    slow = folded_hz < _SLOW * candidates[:, None]
+    passing = slow[:, orders == teeth]
+    return slow & (orders % teeth == 0) & (orders > teeth) & ~passing
 
 
 def _refine(energy: Callable[[float], float], start: float, step: float) -> float:

@@ -44,6 +44,14 @@ def test_a_line_that_the_filter_holds_back_is_not_taken_for_a_stronger_one():
     assert spindle_speed(trial, teeth=20, alias=None) == pytest.approx((500.0 + 26.607) / 20, abs=0.01)
 
 
+def test_a_slow_change_is_not_taken_for_a_folded_harmonic():
+    """With 28 teeth and 1 kHz the second harmonic of 17.85 rev/s folds to .4 Hz, where layers have most."""
+    trial = dataclasses.replace(_tone(18.0, 1000.0, 6.0, order=28, noise=0.1), spindle_speed_rev_s=18.0)
+    layers = 4.0 * np.sign(np.sin(2 * np.pi * 0.4 * trial.time_s))
+    layered = dataclasses.replace(trial, force_n=trial.force_n + layers[:, None])
+    assert spindle_speed(layered, teeth=28, alias=None) == pytest.approx(18.0, abs=1e-3)
+
+
 def test_a_measured_angle_is_believed():
     trial = _tone(20.1, 1000.0, 2.0, order=1, noise=0.1)
     angle = 2 * np.pi * 20.05 * trial.time_s + 0.7
