@@ -56,6 +56,7 @@ from mjx_cutting.tracing.telling.at_level import at_level
 from mjx_cutting.tracing.telling.axes import (
     Reading,
     better_reading,
+    most_left,
     other_columns,
     read_as,
     reading_with_an_effect,
@@ -143,9 +144,8 @@ def _with_every_trial_or_one_less(
         progress(f"once more, the columns of force read as {list(reading.axes)}")
         otherwise = read_as(dataset, reading.axes)
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
-        # what the data set says of its axes is doubted only where another reading explains everything
-        settled = said is None or again.verdict["verdict"] not in _OPEN
-        if settled and missing(again) < _CLEARER**2 * missing(found):
+        explained = again.verdict["verdict"] not in _OPEN
+        if missing(again) < most_left(said, reading.axes, explained) * missing(found):
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
     along = [each.heldout for each in found.slow[-1].candidates] if found.slow else []

@@ -47,12 +47,38 @@ def zeros(dataset: Dataset) -> dict[str, Array]:
     air = {trial.file for trial in dataset.trials if trial.kind == "air"}
     seen = [each.least_n for file, each in swings.items() if file in air or each.in_air()]
     still_n = float(np.median(seen)) if seen else 0.0
-    return {file: each.mean_n if each.in_air(still_n) else np.zeros(3) for file, each in swings.items()}
+    found = {}
+    for trial in dataset.trials:
+        swing = swings[trial.file]
+        if swing.in_air(still_n):
+            found[trial.file] = swing.mean_n
+        else:
+            by_teeth = (
+                None if trial.kind == "air" else _without_teeth(trial, dataset.tool.teeth, swing.least_n)
+            )
+            found[trial.file] = np.zeros(3) if by_teeth is None else by_teeth
+    return found
 
 
 def samples_a_turn(trial: Trial) -> int:
     """Samples in a turn of the spindle at its nominal speed, at least one."""
     return max(round(rate_hz(trial) / trial.spindle_speed_rev_s), 1)
+
+
+def _without_teeth(trial: Trial, teeth: int, noise_n: float) -> Array | None:
+    """[3] mean of the turn in which tooth passing is heard least, N; None unless it is hardly heard there,
+    well elsewhere beside noise of `noise_n`, and the force is quite another then."""
+    turn = samples_a_turn(trial)
+    wave = np.exp(-2j * np.pi * teeth * trial.spindle_speed_rev_s * trial.time_s)[:, None]
+    around = trial.force_n - trial.force_n.mean(axis=0)
+    lines = uniform_filter1d(wave * around, turn, axis=0, mode="nearest")
+    heard = np.sqrt(2.0 * np.sum(np.abs(lines) ** 2, axis=1))
+    mean = uniform_filter1d(trial.force_n, turn, axis=0, mode="nearest")
+    quiet = int(np.argmin(heard))
+    away = np.linalg.norm(mean - mean[quiet], axis=1)
+    usual, far = (float(np.percentile(each, _USUAL)) for each in (heard, away))
+    lively = usual > _LIVELY * noise_n * np.sqrt(2.0 / turn)
+    return mean[quiet] if heard[quiet] < _STILL * usual and lively and far > _FAR * usual else None
 
 
 def _swing(trial: Trial) -> _Swing:

@@ -4,11 +4,11 @@ A sensor mounted another way round, or the force on the sheet taken for the one 
 model that fits badly, whatever effect is then added. So where much is left with all effects found, the base
 model is fitted again to the forces read in every other way: axes exchanged, signs turned. One that leaves
 less than a third of the error is told, and the trials are traced so: where the data set says what its axes
-are, that is kept unless all is explained with the other reading. A strong effect hides which reading that is,
-and then the one is taken in which an effect leaves far less than any does in the others. The sign along the
-tool's axis cannot be told from lines, for the axial constants may have either. Of a turning tool, of which
-other standards have the axes otherwise, the main cutting force is found (`levels`), and what was made of the
-columns is told.
+are, that is kept unless all is explained with the other reading, or nearly all with other signs. A strong
+effect hides which reading that is, and then the one is taken in which an effect leaves far less than any does
+in the others. The sign along the tool's axis cannot be told from lines, for the axial constants may have
+either. Of a turning tool, of which other standards have the axes otherwise, the main cutting force is found
+(`levels`), and what was made of the columns is told.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.fit import base_starts, fit
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened, screen
@@ -36,6 +37,8 @@ _POOR = 0.05
 _BETTER = 1.0 / 3.0
 _EFFECTS = 4
 _ABOUT_AS_WELL = 1.3
+_CLEARLY_LESS = 0.25
+_NEARLY_ALL = 0.1
 OrderAndSigns = tuple[tuple[int, ...], tuple[float, ...]]
 _AS_IS: OrderAndSigns = ((0, 1, 2), (1.0, 1.0, 1.0))
 
@@ -71,6 +74,15 @@ def other_columns(dataset: Dataset, said: tuple[str, str, str] | None) -> str | 
         f"the columns of force were read as {list(dataset.axes or ())}{but}, {why}: say so in `axes` in "
         "dataset.json, or check how the sensor is mounted"
     )
+
+
+def most_left(said: tuple[str, str, str] | None, axes: tuple[str, str, str], explained: bool) -> float:
+    """Share of what is missing now that the reading `axes` may leave to be taken, `explained` whether all is
+    with it: what the data set has `said` is doubted only then, or where nearly all is with other signs."""
+    if said is None or explained:
+        return _CLEARLY_LESS
+    only_signs = [each[-1] for each in axes] == [each[-1] for each in said]
+    return _NEARLY_ALL if only_signs else 0.0
 
 
 def read_as(dataset: Dataset, axes: tuple[str, str, str]) -> Dataset:
@@ -112,14 +124,20 @@ def reading_with_an_effect(
 
     Arguments:
         screened: effects as they were looked at beside the base model on the forces as they are; those that
-            explain most of them are tried in every way that the base model alone fits about as well.
+            explain most of them, or of them read as the base model alone fits best, are tried in every way
+            that it fits about as well.
         left: relative error of the model found.
     """
     if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None or left < _POOR or not screened:
         return None
-    kinds = [each.kind for each in sorted(screened, key=lambda each: -each.share)[:_EFFECTS]]
+    kinds = _leading(screened)
     ways = [_fitted(problem, lines, way) for way in _ways()]
-    lowest = min(each.error for each in ways)
+    fits_best = min(ways, key=lambda each: each.error)
+    lowest = fits_best.error
+    if fits_best.way != _AS_IS:
+        looked_for = [each.kind for each in screened]
+        there = _leading(screen(fits_best.problem, (), jnp.asarray(fits_best.x), looked_for))
+        kinds += [kind for kind in there if kind not in kinds]
     tried: list[tuple[float, _Way]] = []
     for way in ways:
         if way.error < _ABOUT_AS_WELL * lowest:
@@ -127,10 +145,17 @@ def reading_with_an_effect(
             tried.append((way.error * float(np.sqrt(1.0 - best.share)), way))
     tried.sort(key=lambda each: each[0])
     error, way = tried[0]
-    others = min((each[0] for each in tried[1:]), default=np.inf)
+    # a sign that is wrong is likelier than exchanged axes
+    rivals = [each for each in tried[1:] if way.way[0] != _AS_IS[0] or each[1].way[0] == _AS_IS[0]]
+    others = min((each[0] for each in rivals), default=np.inf)
     if way.way == _AS_IS or error > _BETTER * min(left, others):
         return None
     return Reading(_as_axes(dataset, *way.way), error, left)
+
+
+def _leading(screened: Sequence[Screened]) -> list[type[AbstractEffect]]:
+    """The effects that explain most, of those looked at."""
+    return [each.kind for each in sorted(screened, key=lambda each: -each.share)[:_EFFECTS]]
 
 
 class _Way(NamedTuple):
