@@ -90,7 +90,7 @@ class ClampMode(AbstractEffect):
     def starts(cls, tool: Tool) -> np.ndarray:
         frequencies = np.log(np.geomspace(20.0, 450.0, 28) / 100.0)
         still = [[1.5, f, 0.0, 0.0, 0.0] for f in frequencies]
-        moving = [[0.5, f, slope, 0.0, 0.0] for f in frequencies[::2] for slope in (-3.0, 3.0)]
+        moving = [[0.5, f, slope, 0.0, 0.0] for f in frequencies[::2] for slope in (-7.0, -3.0, 3.0, 7.0)]
         return np.asarray([*still, *moving])
 
     @classmethod

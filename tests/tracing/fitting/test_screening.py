@@ -129,3 +129,43 @@ def test_constants_that_a_sheet_swinging_drew_far_off_are_read_on_the_other_axes
 ) -> None:
     mode = {"mass_ratio": mass_ratio, "frequency_hz": frequency_hz, "damping": damping}
     _check_mode(_on_a_soft_arm(_sawn(), mode | {"direction_rad": np.pi / 2}), mode, "clamp_mode")
+
+
+def _on_a_sheet_that_swings(dataset: Dataset, mode: dict[str, float], begins_m: Sequence[float]) -> Dataset:
+    """The trials on a sheet whose mode moves along the path, each begun at a place of its own; without the
+    first half second. Semi-implicit Euler, ten steps a sample."""
+    trials = []
+    for trial, begin in zip(dataset.trials, begins_m, strict=True):
+        count, rate_hz = len(trial.time_s), dataset.sensor.sample_rate_hz
+        fine = np.arange(10 * (count - 1) + 1) / (10.0 * rate_hz)
+        place = begin + trial.feed_speed_m_s * fine
+        omega = 2 * np.pi * mode["frequency_hz"] * (1.0 + mode["gradient_1_m"] * place)
+        force = np.interp(fine, trial.time_s, trial.force_n[:, 1])
+        speed, way, swung = 0.0, float(force.mean() / omega[0] ** 2), np.empty(len(fine))
+        for step, (push, w) in enumerate(zip(force.tolist(), omega.tolist(), strict=True)):
+            swung[step] = push - 2.0 * mode["damping"] * w * speed - w * w * way
+            speed += swung[step] / (10.0 * rate_hz)
+            way += speed / (10.0 * rate_hz)
+        late = slice(round(0.5 * rate_hz), count)
+        felt = trial.force_n - mode["mass_ratio"] * swung[::10, None] * np.array([0.0, 1.0, 0.0])
+        position = np.column_stack([place[::10], np.zeros((count, 2))])[late]
+        time = trial.time_s[late] - trial.time_s[late][0]
+        trials.append(replace(trial, force_n=felt[late], time_s=time, position_m=position))
+    return replace(dataset, trials=tuple(trials))
+
+
+@pytest.mark.slow
+def test_a_sheet_is_found_whose_mode_nearly_doubles_along_it():
+    """Trials begin at places of their own with the mode at 100 to 175 Hz, tooth passing at 86 or 114 Hz."""
+    cuts = [
+        Conditions(speed, speed * 2 * chip, depth, 2e-3, "conventional")
+        for speed, chip, depth in (
+            (57.0, 8e-5, 8e-3), (57.0, 8e-5, 3e-3), (43.0, 8e-5, 3e-3), (43.0, 4e-5, 3e-3),
+            (43.0, 4e-5, 8e-3), (57.0, 4e-5, 8e-3), (43.0, 8e-5, 8e-3),
+        )
+    ]  # fmt: skip
+    sensor = Sensor(2500.0, (0.3, 0.8, 0.5), anti_alias=AntiAlias(order=4, hz=900.0))
+    made = make_trials(ToolInfo("end_mill", 2, 0.012), SHEET, cuts, sensor, duration_s=2.5)
+    mode = {"mass_ratio": 0.068, "frequency_hz": 95.0, "gradient_1_m": 6.5, "damping": 0.035}
+    begins_m = (0.074, 0.088, 0.011, 0.101, 0.124, 0.009, 0.079)
+    _check_mode(_on_a_sheet_that_swings(made, mode, begins_m), mode, "clamp_mode")
