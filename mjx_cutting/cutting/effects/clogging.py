@@ -66,4 +66,4 @@ class Clogging(AbstractEffect):
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:
-        return np.asarray([[0.5, float(capacity), 0.5] for capacity in range(-3, 6)])
+        return np.asarray([[0.5, capacity, 0.5] for capacity in np.arange(-3.0, 5.5, 0.5)])

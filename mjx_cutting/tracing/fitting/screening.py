@@ -33,6 +33,7 @@ _EXPLAINS_MUCH = 0.1
 _TRIED_AGAIN = 2
 _MOST_OF_IT = 0.5
 _NEXT_TO_NONE = 0.02
+_IDLE = 1e-9
 Matrix = NDArray[np.floating]
 
 
@@ -106,6 +107,9 @@ def _lowest_starts(so_far: Descent, both: Descent, x: Matrix, slope: Matrix) -> 
     if len(starts) <= _FEW:
         return starts
     reached = both.glance(starts, slope)
+    # from where it does nothing no descent leads on
+    idle = np.isclose(reached, float(np.sum(so_far.rows(x[None]).left[0] ** 2)), rtol=_IDLE, atol=0.0)
+    reached = np.where(idle & ~idle.all(), np.inf, reached)
     beside = _without_axis(so_far, x, kind.only_axis)
     if beside is not None:
         others = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(beside)))

@@ -169,3 +169,13 @@ def test_a_sheet_is_found_whose_mode_nearly_doubles_along_it():
     mode = {"mass_ratio": 0.068, "frequency_hz": 95.0, "gradient_1_m": 6.5, "damping": 0.035}
     begins_m = (0.074, 0.088, 0.011, 0.101, 0.124, 0.009, 0.079)
     _check_mode(_on_a_sheet_that_swings(made, mode, begins_m), mode, "clamp_mode")
+
+
+def test_a_gullet_is_found_that_overflows_in_some_of_the_trials(hiding):
+    """Most starts hold more than any tooth cuts, so that nothing happens there and no step leads on."""
+    kind = effect_class("clogging")
+    (found,), problem = _screened(hiding({"clogging": {"gain": 1.2, "capacity_m2": 1.276e-6}}), [kind])
+    read = kind.build(found.x[-3:], problem.tool)
+    assert found.share > 0.99
+    assert float(read.capacity_m2) == pytest.approx(1.276e-6, rel=0.05)
+    assert float(read.gain) == pytest.approx(1.2, rel=0.1)
