@@ -5,8 +5,8 @@ half as much of the others as one fitted without any other does, or most of what
 the others are traced without it. Only if that settles the matter, or at least halves what is left, is the
 trial left out, by name and with its figures. A trial unlike the others spoils the fit of all; but few levels
 are fitted well without any of them, so there only what each leaves by itself counts. And a trial of which the
-places or times are not those of the others leaves no more than they do, but what changes along the path of
-all of them makes it worse: that, too, is tried.
+conditions, places or times are not what is said leaves no more than the others do, but what explains much of
+each of them makes it worse: that, too, is tried.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _TIMES_THE_OTHERS = 3.0
 _EXPLAINS = 0.25
 
 
-def spoiled(dataset: Dataset, left: HeldOut, along: Sequence[HeldOut] = ()) -> LeftOut | None:
+def spoiled(dataset: Dataset, left: HeldOut, tried: Sequence[tuple[HeldOut, HeldOut]] = ()) -> LeftOut | None:
     """The trial that is unlike the others, and why; None where there is no such.
 
     Arguments:
-        dataset: the trials; `left` the error on held-out cut trials, in their order; `along` the same with
-            what was tried along their paths, the best first.
+        dataset: the trials; `left` the error on held-out cut trials, in their order.
+        tried: the same without and with each effect that was tried last, the best first.
     """
     files = [trial.file for trial in dataset.trials if trial.kind == "cut"]
     error, share = left.error_n2.sum(axis=1), left.per_trial
@@ -48,12 +48,14 @@ def spoiled(dataset: Dataset, left: HeldOut, along: Sequence[HeldOut] = ()) -> L
     worst = int(np.argmax(error))
     usual = float(np.median(np.delete(share, worst)))
     if error[worst] < _MOST_OF_IT * error.sum() or share[worst] < _TIMES_THE_OTHERS * usual:
-        return next((one for each in along if (one := _opposed(files, left, each)) is not None), None)
+        return next((one for each in tried if (one := _opposed(files, *each)) is not None), None)
     return _unlike(files[worst], share[worst], usual)
 
 
 def _opposed(files: Sequence[str], left: HeldOut, after: HeldOut) -> LeftOut | None:
     """The one trial, of more than the fewest, that is predicted worse by what explains much in each other."""
+    if not len(left.error_n2) == len(after.error_n2) == len(files):
+        return None
     explained = 1.0 - after.error_n2.sum(axis=1) / np.maximum(left.error_n2.sum(axis=1), 1e-300)
     worst = int(np.argmin(explained))
     others = np.delete(explained, worst)
@@ -62,8 +64,8 @@ def _opposed(files: Sequence[str], left: HeldOut, after: HeldOut) -> LeftOut | N
     return LeftOut(
         files[worst],
         f"got a trial that is predicted worse, by {-explained[worst]:.0%} of its squared error, with what "
-        f"explains {others.min():.0%} or more of that of each other, expected the same force at the same "
-        "place: look where on the path its record begins.",
+        f"explains {others.min():.0%} or more of that of each other, expected the same force under the same "
+        "conditions: look at those declared of it, and where on the path its record begins.",
     )
 
 

@@ -148,8 +148,9 @@ def _with_every_trial_or_one_less(
         if missing(again) < most_left(said, reading.axes, explained) * missing(found):
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
-    along = [each.heldout for each in found.slow[-1].candidates] if found.slow else []
-    if word not in _OPEN or (one := spoiled(found.dataset, found.final, along)) is None:
+    tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
+    tried += [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
+    if word not in _OPEN or (one := spoiled(found.dataset, found.final, tried)) is None:
         return found
     progress(f"once more, without {one.file}")
     again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)

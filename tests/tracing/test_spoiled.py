@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.study.designs import plan
+from benchmarks.study.generator import recorded
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.spoiled import spoiled
@@ -94,6 +96,25 @@ def test_a_sheet_of_another_material_is_left_out_though_it_spoils_all_fits(mill)
     assert [each["file"] for each in verdict["left_out"]] == ["t03.csv"]
 
 
+@pytest.mark.slow
+def test_a_trial_of_another_feed_than_declared_does_not_hide_a_size_effect():
+    design = plan("mill", 401)
+    cuts = tuple(
+        replace(cut, nominal_rev_s=37.0, speed_rev_s=37.0, feed_m_s=chip_m * design.tool.teeth * 37.0)
+        for cut, chip_m in zip(design.cuts, (4e-5, 1e-5, 8e-5, 2e-5, 6e-5, 3e-5, 1.5e-5), strict=False)
+    )
+    session, (first, *others) = recorded(replace(design, cuts=cuts), {"size_effect": {"exponent": 0.25}}, 401)
+    wrong = replace(first, feed_speed_m_s=2.0 * first.feed_speed_m_s)
+    told = {"name": "a wrong feed", "source": "benchmarks/study", "licence": "Apache-2.0"}
+    trials = (wrong, *others)
+    dataset = Dataset(**told, tool=session.tool, sensor=session.sensor, trials=trials)
+    verdict = trace(dataset, effects=["size_effect", "ploughing"]).verdict
+    assert [each["file"] for each in verdict["left_out"]] == [first.file]
+    (named,) = verdict["effects"]
+    assert named["name"] == "size_effect" and verdict["verdict"] == "explained"
+    assert named["parameters"]["exponent"]["value"] == pytest.approx(0.25, abs=0.01)
+
+
 def _explained(share: list[float]) -> tuple[HeldOut, HeldOut]:
     """What is left of a trial each without and with an effect, and of which it explains so much."""
     fold, energy = np.arange(len(share)), np.full((len(share), 3), 100.0)
@@ -117,7 +138,7 @@ def test_one_trial_that_what_explains_the_others_makes_worse_is_told(mill, share
     dataset = mill()
     cuts = dataset.trials[: len(share)]
     left, after = _explained(share)
-    found = spoiled(replace(dataset, trials=cuts), left, [after])
+    found = spoiled(replace(dataset, trials=cuts), left, [(left, after)])
     assert (found is not None) is opposed
     if opposed:
         assert found.file == cuts[3].file and "where on the path its record begins" in found.reason
