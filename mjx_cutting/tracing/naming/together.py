@@ -2,10 +2,10 @@
 
 What one effect leaves unexplained of another's work is scatter to a test of it alone: few trials, of which a
 size effect and a drift each take half of what is missing, name neither. So where no candidate passes and much
-is missing, the two that explain most together are tried: all pairs are fitted for two steps, the best of them
-further. They are named where together they leave little of it, beyond what the best of all pairs does by
-chance, and each passes every test beside the other. Beside the other each is told as finely as the trials
-show it: wear in its stages.
+is missing, the two that explain most together are tried, unless noise and what any model may be off are far
+more than they may leave: pairs are fitted for two steps, the best of them further. They are named where
+together they leave little of it, beyond what the best of all pairs does by chance, and each passes every test
+beside the other. Beside the other each is told as finely as the trials show it: wear in its stages.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.model_error import tolerated
+from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyond_chance, try_effect
 from mjx_cutting.tracing.naming.decision import CHANCE
@@ -27,6 +29,7 @@ from mjx_cutting.tracing.naming.finer import finer
 _STEPS = (2, 6)
 _GO_ON = 4
 _LEFT = 0.35
+_FAR_MORE = 4.0
 _EACH = 0.8
 
 
@@ -39,7 +42,8 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
     """
     problem = contest.problem
     pairs = list(combinations(alone.candidates, 2))
-    if not pairs:
+    unexplained = float(noise_squares(problem, contest.lines).sum()) + tolerated(problem, contest.lines) ** 2
+    if not pairs or unexplained > _FAR_MORE * _LEFT**2 * float(before.squares):
         return None
     begun = [
         (pair, *_descended(problem, effects, pair, _together(problem, pair), _STEPS[0])) for pair in pairs

@@ -14,6 +14,7 @@ from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import HeldOut, folds, held_out
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.fitting.screening import screen
+from mjx_cutting.tracing.naming import together
 from mjx_cutting.tracing.naming.by_direction import SizeEffectByDirection
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, try_effect
 from mjx_cutting.tracing.naming.together import _exchanged, _little_is_left, two_at_once
@@ -43,6 +44,14 @@ def test_a_size_effect_and_a_drift_that_hide_each_other_are_both_named():
     )
     # each is told by what it brings beside the other
     assert all(each["heldout_gain"] > 0.5 * said["before"]["heldout_nrmse"] for each in said["effects"])
+
+
+def test_no_pairs_are_fitted_where_only_noise_is_left(mill, monkeypatch):
+    tried = []
+    monkeypatch.setattr(together, "_descended", lambda *each: tried.append(each))
+    found = trace(mill(), effects=("size_effect", "ploughing", "sensor_lowpass"))
+    assert found.verdict["verdict"] == "nothing missing" and len(found.search.rounds[-1].candidates) > 1
+    assert not tried
 
 
 def test_a_gain_that_switches_at_random_is_not_two_effects():
