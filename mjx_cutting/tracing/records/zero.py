@@ -47,17 +47,15 @@ def zeros(dataset: Dataset) -> dict[str, Array]:
     air = {trial.file for trial in dataset.trials if trial.kind == "air"}
     seen = [each.least_n for file, each in swings.items() if file in air or each.in_air()]
     still_n = float(np.median(seen)) if seen else 0.0
-    found = {}
-    for trial in dataset.trials:
+
+    def zero(trial: Trial) -> Array | None:
         swing = swings[trial.file]
         if swing.in_air(still_n):
-            found[trial.file] = swing.mean_n
-        else:
-            by_teeth = (
-                None if trial.kind == "air" else _without_teeth(trial, dataset.tool.teeth, swing.least_n)
-            )
-            found[trial.file] = np.zeros(3) if by_teeth is None else by_teeth
-    return found
+            return swing.mean_n
+        return _without_teeth(trial, dataset.tool.teeth, swing.least_n) if trial.kind == "cut" else None
+
+    found = {trial.file: zero(trial) for trial in dataset.trials}
+    return {file: np.zeros(3) if each is None else each for file, each in found.items()}
 
 
 def samples_a_turn(trial: Trial) -> int:

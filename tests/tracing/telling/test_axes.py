@@ -12,7 +12,7 @@ from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.lines import compress, trusted_band
-from mjx_cutting.tracing.telling.axes import better_reading
+from mjx_cutting.tracing.telling.axes import better_reading, most_left
 from mjx_cutting.trials.dataset import columns_to_process
 from mjx_cutting.trials.synthetic import Hidden
 
@@ -78,6 +78,20 @@ def test_what_the_data_set_says_of_its_axes_is_kept_where_another_reading_leaves
     found = trace(replace(dataset, axes=("+x", "+y", "+z")), effects=())
     assert found.dataset.axes == ("+x", "+y", "+z") and found.verdict["verdict"] == "unexplained"
     assert found.reading is not None and found.reading.axes[:2] == ("+y", "-x")
+
+
+@pytest.mark.parametrize(
+    ("said", "explained", "left"),
+    [
+        (None, False, 0.25),
+        (("+x", "+y", "+z"), True, 0.25),
+        (("+x", "+y", "+z"), False, 0.1),
+        (("+y", "+x", "+z"), False, 0.0),
+    ],
+    ids=["nothing said", "all explained", "other signs", "other axes"],
+)
+def test_what_the_data_set_says_of_its_axes_is_doubted_sooner_for_a_sign(said, explained, left):
+    assert most_left(said, ("-x", "+y", "+z"), explained) == left
 
 
 def test_forces_that_fit_as_they_are_are_left_alone(mill):
