@@ -82,7 +82,7 @@ def _screen(
 ) -> Screened:
     both = Descent(so_far.problem, (*so_far.effects, kind), so_far.phase_rad)
     span = np.linalg.qr(slope[: so_far.measured])[0]
-    starts = _lowest_starts(so_far, both, x, slope)
+    starts = _lowest_starts(so_far, both, x, squares, slope)
     tries = sorted((both.descend(start, _FIRST_STEPS) for start in starts), key=lambda each: each[1])
     best, reached = both.descend(tries[0][0], _STEPS)
     if reached < (1.0 - _EXPLAINS_MUCH) * squares:
@@ -100,7 +100,7 @@ def _screen(
     return Screened(kind, best, share, min(1.0, size / max(whole, 1e-300)), size, direction)
 
 
-def _lowest_starts(so_far: Descent, both: Descent, x: Matrix, slope: Matrix) -> Matrix:
+def _lowest_starts(so_far: Descent, both: Descent, x: Matrix, squares: float, slope: Matrix) -> Matrix:
     """[n, U] the few starts of the last effect of `both`, or of many those a first step brings lowest."""
     kind = both.effects[-1]
     starts = np.asarray(effect_starts(so_far.problem, kind, jnp.asarray(x)))
@@ -108,7 +108,7 @@ def _lowest_starts(so_far: Descent, both: Descent, x: Matrix, slope: Matrix) -> 
         return starts
     reached = both.glance(starts, slope)
     # from where it does nothing no descent leads on
-    idle = np.isclose(reached, float(np.sum(so_far.rows(x[None]).left[0] ** 2)), rtol=_IDLE, atol=0.0)
+    idle = np.isclose(reached, squares, rtol=_IDLE, atol=0.0)
     reached = np.where(idle & ~idle.all(), np.inf, reached)
     beside = _without_axis(so_far, x, kind.only_axis)
     if beside is not None:
