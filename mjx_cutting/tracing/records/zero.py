@@ -17,6 +17,7 @@ from mjx_cutting.tracing.records.course import rate_hz
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _STILL = 0.1
+_HALF = 0.5
 _AS_STILL = 1.5
 _LIVELY = 4.0
 _FAR = 2.0
@@ -65,18 +66,24 @@ def samples_a_turn(trial: Trial) -> int:
 
 def _without_teeth(trial: Trial, teeth: int, noise_n: float) -> Array | None:
     """[3] mean of the turn in which tooth passing is heard least, N; None unless it is hardly heard there,
-    well elsewhere beside noise of `noise_n`, and the force is quite another then."""
+    well elsewhere beside noise of `noise_n`, and the force is quite another then. As a tool enters, its teeth
+    are not heard either where they cut over a whole number of pitches, but before and after they are."""
     turn = samples_a_turn(trial)
     wave = np.exp(-2j * np.pi * teeth * trial.spindle_speed_rev_s * trial.time_s)[:, None]
     around = trial.force_n - trial.force_n.mean(axis=0)
-    lines = uniform_filter1d(wave * around, turn, axis=0, mode="nearest")
+    if len(trial.time_s) <= turn:
+        return None
+    whole = slice(turn // 2, len(trial.time_s) - turn // 2)
+    lines = uniform_filter1d(wave * around, turn, axis=0)[whole]
     heard = np.sqrt(2.0 * np.sum(np.abs(lines) ** 2, axis=1))
-    mean = uniform_filter1d(trial.force_n, turn, axis=0, mode="nearest")
+    mean = uniform_filter1d(trial.force_n, turn, axis=0)[whole]
     quiet = int(np.argmin(heard))
     away = np.linalg.norm(mean - mean[quiet], axis=1)
     usual, far = (float(np.percentile(each, _USUAL)) for each in (heard, away))
     lively = usual > _LIVELY * noise_n * np.sqrt(2.0 / turn)
-    return mean[quiet] if heard[quiet] < _STILL * usual and lively and far > _FAR * usual else None
+    to_an_end = min(heard[: quiet + 1].max(), heard[quiet:].max())
+    still = heard[quiet] < _STILL * usual and to_an_end < _HALF * usual
+    return mean[quiet] if still and lively and far > _FAR * usual else None
 
 
 def _swing(trial: Trial) -> _Swing:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,16 @@ def test_the_zero_is_read_in_the_air_also_where_a_filter_leaves_hardly_any_swing
 def test_a_record_that_is_all_in_the_cut_shows_no_zero(begins_s, before):
     """Also where a softer layer comes first: there its teeth are heard less, but they are heard."""
     np.testing.assert_array_equal(_zero(_record(begins_s, before, swing_n=0.6)), 0.0)
+
+
+def test_a_tool_whose_teeth_cut_over_whole_pitches_as_it_enters_is_not_in_the_air():
+    """Over one to one and a half pitches, on the way in: tooth passing goes through nil in the cut."""
+    cut = _record(0.0, before=1.0, swing_n=0.0)
+    pitches = np.interp(cut.time_s, [0.0, 0.8], [0.6, 1.5])
+    teeth = np.cos(2 * np.pi * TEETH * SPEED_REV_S * cut.time_s)
+    swing = 0.6 * np.outer(np.sin(np.pi * pitches) * teeth, [1.0, 0.7, 0.2])
+    force = (pitches / 1.5)[:, None] * (cut.force_n - BIAS_N) + swing
+    np.testing.assert_array_equal(_zero(replace(cut, force_n=BIAS_N + force)), 0.0)
 
 
 def test_where_no_teeth_are_heard_at_all_no_zero_is_read():
