@@ -150,10 +150,18 @@ def main() -> None:
     found = gathered([row for row in rows if row["key"] in keys])
     print(printed(found))
     if arguments.json:
-        from mjx_cutting import _platform
+        from mjx_cutting import _files, _platform
+        from mjx_cutting.sim import throughput
 
-        found = {"quick": arguments.quick, "versions": _platform.versions(), **found}
-        Path(arguments.json).write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        command = ["python", "benchmarks/tracing_study.py", *sys.argv[1:]]
+        found = {
+            "command": command,
+            "quick": arguments.quick,
+            "machine": throughput.machine(),
+            "versions": _platform.versions(),
+            **found,
+        }
+        _files.write_atomic(arguments.json, json.dumps(found, indent=2) + "\n")
     if arguments.figure:
         draw(found, Path(arguments.figure))
 
