@@ -15,6 +15,8 @@ Otherwise the revolution is evaluated at even angles, entry and exit averaged ov
 
 from __future__ import annotations
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,7 +29,8 @@ from mjx_cutting.cutting.model import ForceModel
 
 _NODES_PER_RADIAN = 0.35
 _FEWEST_NODES = 32
-_AT_ONCE = 4
+_FINER = 8
+_POWERS = 10
 
 
 def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
@@ -104,21 +107,25 @@ def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
 
 
 def _transformed(angle: Array, value: Array, orders: int) -> Array:
-    """[orders + 1, 3] sums of `value` [K, S, N, 3] exp(-i n angle), `angle` [K, S, N].
+    """[orders + 1, 3] sums of `value` [K, S, N, 3] exp(-i n angle), `angle` [K, S, N], relative error 1e-11.
 
-    The values are turned by the angle once more for every order, which spares the exponentials.
+    An angle is the nearest of many even ones and a small rest. Over the even ones the sums are a fast Fourier
+    transform; the rest counts by its powers (Anderson and Dahleh, SIAM J. Sci. Comput. 17, 1996).
     """
-    cosine, sine = jnp.cos(angle.reshape(-1)), jnp.sin(angle.reshape(-1))
-    real = value.reshape(-1, 3).T
-
-    def turn(part: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        real, imaginary = part
-        after = real * cosine + imaginary * sine, imaginary * cosine - real * sine
-        return after, (real.sum(axis=1), imaginary.sum(axis=1))
-
-    still = jnp.zeros_like(real)
-    _, (real, imaginary) = jax.lax.scan(turn, (real, still), None, length=orders + 1, unroll=_AT_ONCE)
-    return jax.lax.complex(real, imaginary)
+    most = max(orders, 1)
+    angles = _FINER * 2 ** math.ceil(math.log2(most + 1))
+    step = 2.0 * jnp.pi / angles
+    turned = angle.reshape(-1) / step
+    nearest = jax.lax.stop_gradient(jnp.round(turned))
+    rest = most * step * (turned - nearest)
+    powers = [value.reshape(-1, 3)]
+    for q in range(1, _POWERS):
+        powers.append(powers[-1] * (rest / q)[:, None])
+    even = jnp.zeros((angles, 3 * _POWERS), value.dtype)
+    even = even.at[nearest.astype(int) % angles].add(jnp.concatenate(powers, axis=1))
+    each = jnp.fft.rfft(even, axis=0)[: orders + 1].reshape(orders + 1, _POWERS, 3)
+    share = (-1j * np.arange(orders + 1)[:, None] / most) ** np.arange(_POWERS)
+    return jnp.einsum("nq,nqa->na", jnp.asarray(share, each.dtype), each)
 
 
 def _alike(model: ForceModel) -> bool:
