@@ -20,6 +20,7 @@ from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.fitting.heldout import HeldOut, folds
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
+from mjx_cutting.tracing.naming.lesser_part import refused
 from mjx_cutting.tracing.naming.search import Search, search
 from mjx_cutting.tracing.records.course import Course
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -172,3 +173,13 @@ def for_use(dataset: Dataset, model: ForceModel) -> ForceModel:
     tool = Tool(shape.kind, shape.teeth, float(shape.diameter_m), float(shape.helix_rad))
     plain = jax.tree.map(np.asarray, (model.material, model.effects))
     return ForceModel(tool, *plain)
+
+
+def without_names(found: Pass, bare: Pass) -> Pass:
+    """The pass without names, where all that they explain is how the force scatters from trial to trial."""
+    rounds = found.search.rounds
+    if found.search.effects:
+        rounds = (
+            refused(rounds[0], "the force of the trials scatters as a whole, and nothing else is left"),
+        )
+    return replace(bare, search=replace(bare.search, rounds=rounds))

@@ -1,12 +1,12 @@
 """One trial unlike all others: a cable that came loose, a sensor that saturated, a record begun too late.
 
 Where what is known does not explain all that is missing, and either the model fitted without one trial leaves
-half as much of the others as one fitted without any other does, or most of what is left is missing in one,
-the others are traced without it. Only if that settles the matter, or at least halves what is left, is the
-trial left out, by name and with its figures. A trial unlike the others spoils the fit of all; but few levels
-are fitted well without any of them, so there only what each leaves by itself counts. And a trial of which the
-conditions, places or times are not what is said leaves no more than the others do, but what explains much of
-each of them makes it worse: that, too, is tried.
+half as much of the others, beside noise, as one fitted without any other does, or most of what is left is
+missing in one, the others are traced without it. Only if that settles the matter, or at least halves what is
+left, is the trial left out, by name and with its figures. A trial unlike the others spoils the fit of all;
+but few levels are fitted well without any of them, so there only what each leaves by itself counts. And a
+trial of which the conditions, places or times are not what is said leaves no more than the others do, but
+what explains much of each of them makes it worse: that, too, is tried.
 """
 
 from __future__ import annotations
@@ -28,26 +28,35 @@ _TIMES_THE_OTHERS = 3.0
 _EXPLAINS = 0.25
 
 
-def spoiled(dataset: Dataset, left: HeldOut, tried: Sequence[tuple[HeldOut, HeldOut]] = ()) -> LeftOut | None:
+def spoiled(
+    dataset: Dataset,
+    left: HeldOut,
+    tried: Sequence[tuple[HeldOut, HeldOut]] = (),
+    floor_nrmse: float = 0.0,
+) -> LeftOut | None:
     """The trial that is unlike the others, and why; None where there is no such.
 
     Arguments:
         dataset: the trials; `left` the error on held-out cut trials, in their order.
         tried: the same without and with each effect that was tried last, the best first.
+        floor_nrmse: share of the force that noise is, which is missing nowhere.
     """
     files = [trial.file for trial in dataset.trials if trial.kind == "cut"]
-    error, share = left.error_n2.sum(axis=1), left.per_trial
+    energy = left.energy_n2.sum(axis=1)
+    error = np.maximum(left.error_n2.sum(axis=1) - floor_nrmse**2 * energy, 0.0)
+    share = np.sqrt(error / np.maximum(energy, 1e-300))
     if not _FEWEST <= len(error) == len(files):
         return None
-    beside = None if dataset.tool.kind in LEVEL_KINDS else _of_the_others(left)
+    beside = None if dataset.tool.kind in LEVEL_KINDS else _of_the_others(left, floor_nrmse)
     if beside is not None:
         least, second = np.sort(beside)[:2]
         worst = int(np.argmin(beside))
-        if least < _HALF * second:
+        if least < _HALF * second and share[worst] > floor_nrmse:
             return _unlike(files[worst], share[worst], least)
     worst = int(np.argmax(error))
     usual = float(np.median(np.delete(share, worst)))
-    if error[worst] < _MOST_OF_IT * error.sum() or share[worst] < _TIMES_THE_OTHERS * usual:
+    unlike = error[worst] >= _MOST_OF_IT * error.sum() and share[worst] >= _TIMES_THE_OTHERS * usual
+    if not unlike or share[worst] <= floor_nrmse:
         return next((one for each in tried if (one := _opposed(files, *each)) is not None), None)
     return _unlike(files[worst], share[worst], usual)
 
@@ -77,9 +86,9 @@ def _unlike(file: str, share: float, usual: float) -> LeftOut:
     )
 
 
-def _of_the_others(left: HeldOut) -> NDArray[np.floating] | None:
-    """[R] share of the force of all other trials that the fit without one leaves of them; None where trials
-    were not left out one by one, or pieces of them were fitted."""
+def _of_the_others(left: HeldOut, floor_nrmse: float) -> NDArray[np.floating] | None:
+    """[R] share of the force of all other trials that the fit without one leaves of them beside noise; None
+    where trials were not left out one by one, or pieces of them were fitted."""
     count = len(left.fold)
     if left.fits is None or not np.array_equal(left.fold, np.arange(count)):
         return None
@@ -88,7 +97,8 @@ def _of_the_others(left: HeldOut) -> NDArray[np.floating] | None:
         return None
     error = in_lines + np.maximum(left.error_n2.sum(axis=1) - np.diag(in_lines), 0.0)
     others = 1.0 - np.eye(count)
-    return np.sqrt((others * error).sum(axis=1) / (others @ left.energy_n2.sum(axis=1)))
+    squared = (others * error).sum(axis=1) / (others @ left.energy_n2.sum(axis=1))
+    return np.sqrt(np.maximum(squared - floor_nrmse**2, 0.0))
 
 
 def without(dataset: Dataset, trial: LeftOut) -> Dataset:

@@ -40,10 +40,9 @@ from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.fitting.tooth_path import on_true_path
 from mjx_cutting.tracing.loop_in_air import loop_in_air
 from mjx_cutting.tracing.naming.decision import gain_over_trials
-from mjx_cutting.tracing.naming.lesser_part import refused
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
-from mjx_cutting.tracing.passes import Pass, for_use, missing, near_floor
+from mjx_cutting.tracing.passes import Pass, for_use, missing, near_floor, without_names
 from mjx_cutting.tracing.records.followed_angle import as_followed
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels, zeros_known
 from mjx_cutting.tracing.records.lines import trusted_band
@@ -66,6 +65,7 @@ from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.judged import Judged, judged
+from mjx_cutting.tracing.telling.own_factor import followed
 from mjx_cutting.tracing.telling.ties import TIED
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import only_scatter, testable, verdict
@@ -150,7 +150,9 @@ def _with_every_trial_or_one_less(
     word = found.verdict["verdict"]
     tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
     tried += [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
-    if word not in _OPEN or (one := spoiled(found.dataset, found.final, tried)) is None:
+    if word not in _OPEN:
+        return found
+    if (one := spoiled(found.dataset, found.final, tried, found.floor_nrmse)) is None:
         return found
     progress(f"once more, without {one.file}")
     again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)
@@ -239,8 +241,10 @@ def _trace(
         depends_after = dependences(found.dataset, found.after, teeth, orders)
         cutter = dataset.tool.kind not in LEVEL_KINDS
         if cutter and found.kinds and only_scatter(found.search.base, depends_before, found.floor_nrmse):
-            found = _unnamed(found, once(found.dataset, band, (), (), seed, progress))
-            depends_after = depends_before
+            size = sum(kind.size(found.search.problem.tool) for kind in found.kinds)
+            if not followed(found.before, found.after, size):
+                found = without_names(found, once(found.dataset, band, (), (), seed, progress))
+                depends_after = depends_before
         reasons = {
             kind.name: [
                 *evidence(kind, found.dataset, found.before, found.after), *found.evidence.get(kind.name, ())
@@ -365,16 +369,6 @@ def _with_vibration(found: Pass) -> Pass:
 
 def _shaken(found: Pass, shaken: SelfExcited) -> Pass:
     return replace(found.with_round(shaken.round, shaken.evidence), model=found.model)
-
-
-def _unnamed(found: Pass, bare: Pass) -> Pass:
-    """The pass without names, where all that they explain is how the force scatters from trial to trial."""
-    rounds = found.search.rounds
-    if found.search.effects:
-        rounds = (
-            refused(rounds[0], "the force of the trials scatters as a whole, and nothing else is left"),
-        )
-    return replace(bare, search=replace(bare.search, rounds=rounds))
 
 
 def save(tracing: Tracing, out: Path) -> None:

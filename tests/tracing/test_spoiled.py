@@ -72,18 +72,22 @@ def test_what_is_missing_in_every_trial_spoils_none(mill):
     one = HeldOut(np.outer([1.0, 1.0, 60.0, 1.0, 1.0, 1.0], np.ones(3)), force, None, np.arange(6))
     found = spoiled(dataset, one)
     assert found is not None and found.file == "t03.csv"
+    assert spoiled(dataset, one, floor_nrmse=np.sqrt(50.0 / 1e3)) is None
 
 
-@pytest.mark.parametrize(("without_it", "found"), [(1.0, "t03.csv"), (7.0, None)])
-def test_a_trial_is_suspected_without_which_the_others_are_explained(mill, without_it, found):
-    """Its own error is no more than a third of all: it spoils the fit to the others as well."""
+@pytest.mark.parametrize(
+    ("without_it", "noise", "found"), [(1.0, 0.0, "t03.csv"), (7.0, 0.0, None), (7.0, 6.5, "t03.csv")]
+)
+def test_a_trial_is_suspected_without_which_the_others_are_explained(mill, without_it, noise, found):
+    """Its own error is no more than a third of all: it spoils the fit to the others as well. Noise, of which
+    a squared error holds `noise` of 1e3, is left with and without it."""
     in_lines = np.full((6, 6, 3), 10.0)
     in_lines[2] = without_it
     in_lines[2, 2] = 25.0
     error = np.diagonal(in_lines).T.copy()
     fits = SimpleNamespace(error_n2=in_lines)
     left = HeldOut(error, np.full((6, 3), 1e3), fits, np.arange(6))
-    told = spoiled(mill(), left)
+    told = spoiled(mill(), left, floor_nrmse=np.sqrt(noise / 1e3))
     assert (None if told is None else told.file) == found
 
 

@@ -29,10 +29,18 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _SHARE_OF_FREE = 0.9
 _SCATTER = 0.015
-_SURELY = 1e-4
+SURELY = 1e-4
 _OWN = 0.5
 _OWN_OF_A_RESPONSE = 0.2
 _MOST = 0.7
+
+
+def by_chance(share: float, size: int, trials: int) -> float:
+    """Chance that an effect of `size` unknowns explains this share of factors that go with nothing."""
+    free = trials - 1 - size
+    if free < 1 or share >= 1.0:
+        return 1.0 if free < 1 else 0.0
+    return float(stats.f.sf((share / size) / ((1.0 - share) / free), size, free))
 
 
 def rather_a_factor(gain: Gain) -> str | None:
@@ -47,7 +55,7 @@ def rather_a_factor(gain: Gain) -> str | None:
         return None
     ratio = unnamed / max(explained, 1e-300)
     scatter = plain_with - free_with < _SCATTER**2 * force
-    followed = scatter and _by_chance(1.0 / ratio, gain.kind.size(problem.tool), problem.trials) < _SURELY
+    followed = scatter and by_chance(1.0 / ratio, gain.kind.size(problem.tool), problem.trials) < SURELY
     if ratio > 1.0 / _SHARE_OF_FREE and not followed:
         return f"a factor of its own for each trial explains {ratio:.1f} times as much"
     quiet = float(noise_squares(problem, lines).sum())
@@ -61,14 +69,6 @@ def rather_a_factor(gain: Gain) -> str | None:
     if explained < _MOST * missing:
         return f"explains {explained / missing:.0%} of what is missing, little of it beside a factor a trial"
     return None
-
-
-def _by_chance(share: float, size: int, trials: int) -> float:
-    """Chance that an effect of `size` unknowns explains this share of factors that go with nothing."""
-    free = trials - 1 - size
-    if free < 1 or share >= 1.0:
-        return 1.0 if free < 1 else 0.0
-    return float(stats.f.sf((share / size) / ((1.0 - share) / free), size, free))
 
 
 def _squares(problem: Problem, effects: Effects, x: NDArray[np.floating]) -> tuple[float, float, float]:

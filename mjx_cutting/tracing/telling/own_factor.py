@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
+from mjx_cutting.tracing.guards.own_gain import SURELY, by_chance
 
 SCATTER = 0.02
 """What two cuts of one sheet may differ by as a whole: a limit we set."""
@@ -61,3 +62,10 @@ def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
     )
     share = 1.0 - energy([each.residual_n for each in without]) / max(energy(left), 1e-300)
     return OwnFactors(factor, float(np.sqrt(np.sum(product * factor) / np.sum(size))), share, without)
+
+
+def followed(before: Sequence[Prediction], after: Sequence[Prediction], size: int) -> bool:
+    """Whether effects of `size` unknowns leave so little of the factors that those are surely no scatter."""
+    factors, left = own_factors(before), own_factors(after)
+    share = 1.0 - (left.size / max(factors.size, 1e-300)) ** 2
+    return by_chance(share, size, len(before)) < SURELY

@@ -9,7 +9,7 @@ import pytest
 
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.telling.own_factor import own_factors
+from mjx_cutting.tracing.telling.own_factor import followed, own_factors
 
 SCATTER = np.array([1.0, 1.1, 0.9, -1.2, -0.8, -1.1])
 
@@ -64,3 +64,18 @@ def test_of_a_trial_whose_lines_lie_above_the_band_the_factor_is_that_of_its_mea
     found = own_factors(seen)
     np.testing.assert_allclose(found.factor, factor, atol=1e-3)
     assert found.share > 0.99
+
+
+@pytest.mark.parametrize(("share", "size", "surely"), [(1.0, 1, True), (0.9, 1, False), (0.999, 4, False)])
+def test_factors_that_an_effect_of_few_unknowns_follows_closely_are_no_scatter(share, size, surely):
+    """Of seven trials: by chance one unknown follows nine tenths of them now and then, four nearly all."""
+    force = np.random.default_rng(1).normal(size=(7, 400, 3))
+    factor = 0.01 * np.append(SCATTER, 0.7)[:, None, None]
+
+    time, zero = 0.01 * np.arange(400), np.zeros(3)
+
+    def left(rest: float) -> list[Prediction]:
+        whole = zip(force, rest * factor * force, strict=True)
+        return [Prediction("a.csv", time, time, shape + more, shape, 1.0, zero) for shape, more in whole]
+
+    assert followed(left(1.0), left(np.sqrt(1.0 - share)), size) is surely
