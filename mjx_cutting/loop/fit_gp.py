@@ -31,6 +31,7 @@ from mjx_cutting.tracing import predict_trials
 from mjx_cutting.tracing.records.lines import trusted_band
 from mjx_cutting.trials.align import Alignment, align, align_measured, align_trials
 from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.dropouts import without_dropouts
 from mjx_cutting.trials.spikes import without_spikes
 
 OVERSAMPLED = 2.0  # samples a second per hertz of the band after thinning
@@ -79,7 +80,7 @@ def fit_gp(
     progress: Callable[[str], None] | None = None,
     provenance: dict[str, Any] | None = None,
 ) -> Fitted:
-    """Returns the disturbance fitted to what `model` leaves of a dataset's cut trials, free of spikes.
+    """Returns the disturbance fitted to what `model` leaves of a dataset's cut trials, free of spikes and gaps.
 
     Args:
         dataset: measured trials.
@@ -99,6 +100,7 @@ def fit_gp(
             than two periods, frequencies that alias, or a residual that is not finite.
     """
     told = progress or (lambda _: None)
+    dataset, filled = without_dropouts(dataset)
     dataset, replaced = without_spikes(dataset)
     cuts = tuple(trial for trial in dataset.trials if trial.kind == "cut")
     if not cuts:
@@ -154,7 +156,7 @@ def fit_gp(
         "alignment": alignment.report(),
         "energy_share": _share(left, measured),
         "thinned_by": stride,
-        "dataset_warnings": [*dataset.warnings, *replaced],
+        "dataset_warnings": [*dataset.warnings, *filled, *replaced],
         "left_out": [f"{each.file}: {each.reason}" for each in dataset.left_out],
     }
     if any(match is not None for match in alignment.matches):

@@ -71,6 +71,7 @@ from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import only_scatter, testable, verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.dropouts import without_dropouts
 from mjx_cutting.trials.spikes import without_spikes
 
 _CLEARER = 0.5
@@ -125,9 +126,10 @@ def trace(
     with _platform.x64():
         dataset = of_one_material(dataset, trusted_band(dataset, band_hz), material)
     _check(dataset)
+    dataset, filled = without_dropouts(dataset)
     dataset, replaced = without_spikes(dataset)
     found = _with_every_trial_or_one_less(dataset, band_hz, effects, seed, progress)
-    return replace(found, caveats=(*found.caveats, *replaced))
+    return replace(found, caveats=(*found.caveats, *filled, *replaced))
 
 
 def _with_every_trial_or_one_less(

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.trials.dataset import Array, Dataset, LeftOut, Sensor, ToolInfo, Trial
+from mjx_cutting.trials.dropouts import find_dropouts
 from mjx_cutting.trials.idle import idle_cuts
 from mjx_cutting.trials.saturation import find_saturation
 from mjx_cutting.trials.spikes import trial_spikes
@@ -82,6 +83,7 @@ def check_trial(trial: Trial, tool: ToolInfo, sensor: Sensor, axes: Sequence[str
         if not time_reasons:
             warnings += _check_aliasing(trial, tool, sensor)
             warnings += _check_measured_speed(trial)
+            warnings += _check_dropouts(trial, find_dropouts(trial, axes))
             warnings += _check_spikes(trial, channels, trial_spikes(trial, axes))
         warnings += _check_constant(channels)
     return Verdict(tuple(reasons), tuple(warnings))
@@ -293,6 +295,16 @@ def _check_spikes(trial: Trial, channels: Channels, found: dict[str, NDArray[np.
         "expected none; tracing and fit-gp put a line between the neighbours in their place: check cables "
         "and plugs."
         for name, spikes in found.items()
+    ]
+
+
+def _check_dropouts(trial: Trial, lost: NDArray[np.int64]) -> list[str]:
+    if not len(lost):
+        return []
+    return [
+        f"got {len(lost)} samples that repeat the one before in every channel (first at "
+        f"{trial.time_s[lost[0]]:.4g} s), expected none alike; tracing and fit-gp put a line between the "
+        "neighbours in their place: look for samples lost between sensor and logger."
     ]
 
 

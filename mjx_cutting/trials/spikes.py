@@ -75,7 +75,7 @@ def without_spikes(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     for trial in dataset.trials:
         found = trial_spikes(trial, dataset.axes)
         if found:
-            trial = _bridged(trial, found, dataset.axes)
+            trial = bridged(trial, found, dataset.axes)
             first = min(int(each[0]) for each in found.values())
             told.append(
                 f"{trial.file}: {sum(map(len, found.values()))} samples far from their neighbours were "
@@ -86,7 +86,8 @@ def without_spikes(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     return (replace(dataset, trials=tuple(trials)), tuple(told)) if told else (dataset, ())
 
 
-def _bridged(trial: Trial, found: dict[str, NDArray[np.int64]], axes: Sequence[str] | None) -> Trial:
+def bridged(trial: Trial, found: dict[str, NDArray[np.int64]], axes: Sequence[str] | None) -> Trial:
+    """The trial with a line between the neighbours in place of the samples `found` of each column."""
     mended = []
     for name, values in trial.columns(axes):
         sound = np.delete(np.arange(trial.samples), found.get(name, ()))
