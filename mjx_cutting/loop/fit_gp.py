@@ -80,7 +80,7 @@ def fit_gp(
     progress: Callable[[str], None] | None = None,
     provenance: dict[str, Any] | None = None,
 ) -> Fitted:
-    """Returns the disturbance fitted to what `model` leaves of a dataset's cut trials, free of spikes and gaps.
+    """Returns the disturbance fitted to what `model` leaves of a dataset's cuts, without spikes and gaps.
 
     Args:
         dataset: measured trials.
