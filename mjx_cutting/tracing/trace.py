@@ -147,7 +147,7 @@ def _with_every_trial_or_one_less(
         otherwise = read_as(dataset, reading.axes)
         again = _trace(otherwise, said, band_hz, effects, seed, progress)
         explained = again.verdict["verdict"] not in _OPEN
-        if missing(again) < most_left(said, reading.axes, explained) * missing(found):
+        if missing(again) < most_left(said, reading, explained) * missing(found):
             dataset, found = otherwise, again
     word = found.verdict["verdict"]
     tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]

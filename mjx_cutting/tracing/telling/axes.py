@@ -5,10 +5,10 @@ model that fits badly, whatever effect is then added. So where much is left with
 model is fitted again to the forces read in every other way: axes exchanged, signs turned. One that leaves
 less than a third of the error is told, and the trials are traced so: where the data set says what its axes
 are, that is kept unless all is explained with the other reading, or nearly all with other signs. A strong
-effect hides which reading that is, and then the one is taken in which an effect leaves far less than any does
-in the others. The sign along the tool's axis cannot be told from lines, for the axial constants may have
-either. Of a turning tool, of which other standards have the axes otherwise, the main cutting force is found
-(`levels`), and what was made of the columns is told.
+effect hides which reading that is, and then the one is looked at in which an effect leaves clearly less than
+any does in the others. The sign along the tool's axis cannot be told from lines, for the axial constants may
+have either. Of a turning tool, of which other standards have the axes otherwise, the main cutting force is
+found (`levels`), and what was made of the columns is told.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from mjx_cutting.trials.dataset import Dataset, columns_to_process, process_to_c
 _BAD = 0.1
 _POOR = 0.05
 _BETTER = 1.0 / 3.0
+_WORTH_A_LOOK = 0.7
 _EFFECTS = 4
 _ABOUT_AS_WELL = 1.3
 _CLEARLY_LESS = 0.25
@@ -76,12 +77,13 @@ def other_columns(dataset: Dataset, said: tuple[str, str, str] | None) -> str | 
     )
 
 
-def most_left(said: tuple[str, str, str] | None, axes: tuple[str, str, str], explained: bool) -> float:
-    """Share of what is missing now that the reading `axes` may leave to be taken, `explained` whether all is
-    with it: what the data set has `said` is doubted only then, or where nearly all is with other signs."""
-    if said is None or explained:
+def most_left(said: tuple[str, str, str] | None, reading: Reading, explained: bool) -> float:
+    """Share of what is missing now that a reading may leave to be taken, `explained` whether all is with it:
+    one that did not look far better before, or is not what the data set has `said`, is taken only then, or
+    where nearly all is with other signs than said."""
+    if explained or (said is None and reading.error <= _BETTER * reading.now):
         return _CLEARLY_LESS
-    only_signs = [each[-1] for each in axes] == [each[-1] for each in said]
+    only_signs = said is not None and [each[-1] for each in reading.axes] == [each[-1] for each in said]
     return _NEARLY_ALL if only_signs else 0.0
 
 
@@ -119,8 +121,8 @@ def better_reading(dataset: Dataset, lines: Lines, problem: Problem, left: float
 def reading_with_an_effect(
     dataset: Dataset, lines: Lines, problem: Problem, screened: Sequence[Screened], left: float
 ) -> Reading | None:
-    """The way to read the forces in which one effect leaves far less than any does in another way, and than
-    is `left` now (call it in float64).
+    """The way to read the forces in which one effect leaves clearly less than any does in another way, and
+    than is `left` now (call it in float64).
 
     Arguments:
         screened: effects as they were looked at beside the base model on the forces as they are; those that
@@ -148,7 +150,7 @@ def reading_with_an_effect(
     # a sign that is wrong is likelier than exchanged axes
     rivals = [each for each in tried[1:] if way.way[0] != _AS_IS[0] or each[1].way[0] == _AS_IS[0]]
     others = min((each[0] for each in rivals), default=np.inf)
-    if way.way == _AS_IS or error > _BETTER * min(left, others):
+    if way.way == _AS_IS or error > _WORTH_A_LOOK * min(left, others):
         return None
     return Reading(_as_axes(dataset, *way.way), error, left)
 

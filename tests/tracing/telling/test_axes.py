@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.study import make
 from mjx_cutting import _platform
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.lines import compress, trusted_band
-from mjx_cutting.tracing.telling.axes import better_reading, most_left
+from mjx_cutting.tracing.telling.axes import Reading, better_reading, most_left
 from mjx_cutting.trials.dataset import columns_to_process
 from mjx_cutting.trials.synthetic import Hidden
 
@@ -81,17 +82,30 @@ def test_what_the_data_set_says_of_its_axes_is_kept_where_another_reading_leaves
 
 
 @pytest.mark.parametrize(
-    ("said", "explained", "left"),
+    ("said", "error", "explained", "left"),
     [
-        (None, False, 0.25),
-        (("+x", "+y", "+z"), True, 0.25),
-        (("+x", "+y", "+z"), False, 0.1),
-        (("+y", "+x", "+z"), False, 0.0),
+        (None, 0.03, False, 0.25),
+        (None, 0.06, False, 0.0),
+        (None, 0.06, True, 0.25),
+        (("+x", "+y", "+z"), 0.06, True, 0.25),
+        (("+x", "+y", "+z"), 0.03, False, 0.1),
+        (("+y", "+x", "+z"), 0.03, False, 0.0),
     ],
-    ids=["nothing said", "all explained", "other signs", "other axes"],
+    ids=["nothing said", "hardly better", "nothing said, explained", "explained", "signs", "axes"],
 )
-def test_what_the_data_set_says_of_its_axes_is_doubted_sooner_for_a_sign(said, explained, left):
-    assert most_left(said, ("-x", "+y", "+z"), explained) == left
+def test_what_the_data_set_says_of_its_axes_is_doubted_sooner_for_a_sign(said, error, explained, left):
+    assert most_left(said, Reading(("-x", "+y", "+z"), error, 0.1), explained) == left
+
+
+@pytest.mark.slow
+def test_a_sign_declared_wrongly_does_not_hide_two_effects():
+    """Neither alone leaves a third of what the force as it is declared does."""
+    made = make("mill", {"radial_runout": "medium", "helix_lag": "strong"}, 412).dataset
+    turned = tuple(replace(each, force_n=each.force_n * np.array([1.0, -1.0, 1.0])) for each in made.trials)
+    wrong = replace(made, trials=turned, axes=("+x", "+y", "+z"))
+    verdict = trace(wrong, effects=["radial_runout", "helix_lag", "sensor_resonance"]).verdict
+    assert verdict["verdict"] == "explained"
+    assert {each["name"] for each in verdict["effects"]} == {"radial_runout", "helix_lag"}
 
 
 def test_forces_that_fit_as_they_are_are_left_alone(mill):
