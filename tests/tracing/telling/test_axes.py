@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks.study import make
 from mjx_cutting import _platform
+from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.lines import compress, trusted_band
+from mjx_cutting.tracing.telling import axes
 from mjx_cutting.tracing.telling.axes import Reading, better_reading, most_left
 from mjx_cutting.trials.dataset import columns_to_process
 from mjx_cutting.trials.synthetic import Hidden
@@ -97,15 +99,25 @@ def test_what_the_data_set_says_of_its_axes_is_doubted_sooner_for_a_sign(said, e
     assert most_left(said, Reading(("-x", "+y", "+z"), error, 0.1), explained) == left
 
 
-@pytest.mark.slow
-def test_a_sign_declared_wrongly_does_not_hide_two_effects():
-    """Neither alone leaves a third of what the force as it is declared does."""
-    made = make("mill", {"radial_runout": "medium", "helix_lag": "strong"}, 412).dataset
-    turned = tuple(replace(each, force_n=each.force_n * np.array([1.0, -1.0, 1.0])) for each in made.trials)
-    wrong = replace(made, trials=turned, axes=("+x", "+y", "+z"))
-    verdict = trace(wrong, effects=["radial_runout", "helix_lag", "sensor_resonance"]).verdict
-    assert verdict["verdict"] == "explained"
-    assert {each["name"] for each in verdict["effects"]} == {"radial_runout", "helix_lag"}
+@pytest.mark.parametrize(("share", "read"), [(0.8, ("+x", "-y", "+z")), (0.4, None)])
+def test_a_reading_is_looked_at_in_which_one_effect_of_two_leaves_clearly_less(
+    mill, monkeypatch, share, read
+):
+    """All readings leave .12 alone, and an effect of the others takes a third of the energy."""
+    wrong = ((0, 1, 2), (1.0, -1.0, 1.0))
+    explained = {wrong: share}
+    kinds = [SimpleNamespace(kind=effect_class("radial_runout"), share=0.3)]
+
+    def fitted(problem, lines, way):
+        return axes._Way(way, way, np.zeros(1), 0.12)
+
+    def screened(way, effects, x, kinds):
+        return [SimpleNamespace(kind=kinds[0], share=explained.get(way, 1.0 / 3.0))]
+
+    monkeypatch.setattr(axes, "_fitted", fitted)
+    monkeypatch.setattr(axes, "screen", screened)
+    found = axes.reading_with_an_effect(mill(), None, SimpleNamespace(motion=None), kinds, left=0.11)
+    assert (None if found is None else found.axes) == read
 
 
 def test_forces_that_fit_as_they_are_are_left_alone(mill):
