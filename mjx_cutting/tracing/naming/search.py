@@ -9,7 +9,7 @@ first round and with each effect about to be accepted; a round in which that tur
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +76,7 @@ def search(
     effects: Effects = ()
     current, heldout = base, base_heldout
     rounds: list[Round] = []
-    moved = False
+    moved, seen = False, frozenset[str]()
     while len(effects) < MOST_EFFECTS and (not rounds or _worth_a_round(problem, lines, heldout)):
         open_ = [
             kind
@@ -85,7 +85,7 @@ def search(
         ]
         screened = screen(problem, effects, current.x, open_, progress)
         contest, tried = Contest(problem, lines, fold, open_), []
-        for each in shortlist(screened):
+        for each in shortlist(screened, seen):
             progress(" + ".join([*(kind.name for kind in effects), each.kind.name]))
             both = (*effects, each.kind)
             one = try_effect(contest, both, each.x, current, heldout)
@@ -105,6 +105,7 @@ def search(
         if not moved and (other := on_other_path(problem, more, last.fit.x)) is not None:
             progress("once more, the teeth on " + ("their true path" if on_true_path(other) else "circles"))
             moved, problem, rounds = True, other, rounds[: -len(found)]
+            seen = frozenset(each.accepted.kind.name for each in found if each.accepted is not None)
             base, base_heldout = fitted(problem, lines, (), np.asarray(base.x), fold)
             current, heldout = fitted(problem, lines, effects, np.asarray(current.x), fold)
             problem = reweighted(problem, current)
@@ -141,6 +142,10 @@ def _worth_a_round(problem: Problem, lines: Lines, heldout: HeldOut) -> bool:
     return bool(left_n2.sum() >= problem.tolerance**2 * heldout.energy_n2.sum())
 
 
-def shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """Those worth a full fit: the most telling few, and beyond the first two only what explains something."""
-    return [each for rank, each in enumerate(screened[:SHORTLIST]) if rank < 2 or each.share > _WORTH_A_FIT]
+def shortlist(screened: Sequence[Screened], seen: Collection[str] = ()) -> list[Screened]:
+    """Those worth a full fit: the most telling few, and beyond the first two only what explains something;
+    and those by whose names the search was here before."""
+    telling = [
+        each for rank, each in enumerate(screened[:SHORTLIST]) if rank < 2 or each.share > _WORTH_A_FIT
+    ]
+    return telling + [each for each in screened if each.kind.name in seen and each not in telling]

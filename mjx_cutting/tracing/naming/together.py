@@ -3,7 +3,8 @@
 What one effect leaves unexplained of another's work is scatter to a test of it alone: few trials, of which a
 size effect and a drift each take half of what is missing, name neither. So where no candidate passes and much
 is missing, the two that explain most together are tried, unless noise and what any model may be off are far
-more than they may leave: pairs are fitted for two steps, the best of them further. They are named where
+more than they may leave: pairs are fitted for two steps, the best of them further, from what each is alone
+and, where none does, from where the search for it begins. They are named where
 together they leave little of it, beyond what the best of all pairs does by chance, and each passes every test
 beside the other. Beside the other each is told as finely as the trials show it: wear in its stages.
 """
@@ -11,7 +12,7 @@ beside the other. Beside the other each is told as finely as the trials show it:
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from mjx_cutting.tracing.naming.finer import finer
 
 _STEPS = (2, 6)
 _GO_ON = 4
+_FEW = 2
 _LEFT = 0.35
 _FAR_MORE = 4.0
 _EACH = 0.8
@@ -45,13 +47,15 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
     unexplained = float(noise_squares(problem, contest.lines).sum()) + tolerated(problem, contest.lines) ** 2
     if not pairs or unexplained > _FAR_MORE * _LEFT**2 * float(before.squares):
         return None
-    begun = [
-        (pair, *_descended(problem, effects, pair, _together(problem, pair), _STEPS[0])) for pair in pairs
-    ]
-    leading = sorted(begun, key=lambda each: each[2])[:_GO_ON]
-    ended = [(pair, *_descended(problem, effects, pair, x, _STEPS[1])) for pair, x, _ in leading]
-    pair, x, squares = min(ended, key=lambda each: each[2])
-    if not squares < _LEFT**2 * float(before.squares):
+    most = _LEFT**2 * float(before.squares)
+    pair, x, squares = _best(problem, effects, [(pair, _together(problem, pair)) for pair in pairs])
+    if not squares < most:
+        # what an effect is alone may be far from what it is beside another
+        begins = [(pair, x) for pair in pairs for x in _afresh(problem, before, pair)]
+        if not begins:
+            return None
+        pair, x, squares = _best(problem, effects, begins)
+    if not squares < most:
         return None
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
     own, last = first.kind.size(problem.tool), second.kind.size(problem.tool)
@@ -98,6 +102,31 @@ def _together(problem: Problem, pair: tuple[Candidate, Candidate]) -> NDArray[np
     """[U] unknowns of a pair, each where it is alone."""
     one, other = (np.asarray(each.fit.x) for each in pair)
     return np.concatenate([one, other[-pair[1].kind.size(problem.tool) :]])
+
+
+def _afresh(problem: Problem, before: Fit, pair: tuple[Candidate, Candidate]) -> list[NDArray[np.floating]]:
+    """[U] unknowns of a pair, each of the two that has few starts at any of those, the other where it is
+    alone."""
+    starts, few = [], False
+    for each in pair:
+        own = np.asarray(each.kind.starts(problem.tool))
+        few |= len(own) <= _FEW
+        starts.append(own if len(own) <= _FEW else np.asarray(each.fit.x)[None, -own.shape[1] :])
+    at = np.asarray(before.x)
+    return [np.concatenate([at, one, other]) for one, other in product(*starts)] if few else []
+
+
+def _best(
+    problem: Problem,
+    effects: Effects,
+    begins: list[tuple[tuple[Candidate, Candidate], NDArray[np.floating]]],
+) -> tuple[tuple[Candidate, Candidate], NDArray[np.floating], float]:
+    """The pair that leaves least, of those that `begins` holds with unknowns [U] to start from; its unknowns
+    and sum of squares."""
+    begun = [(pair, *_descended(problem, effects, pair, x, _STEPS[0])) for pair, x in begins]
+    leading = sorted(begun, key=lambda each: each[2])[:_GO_ON]
+    ended = [(pair, *_descended(problem, effects, pair, x, _STEPS[1])) for pair, x, _ in leading]
+    return min(ended, key=lambda each: each[2])
 
 
 def _descended(

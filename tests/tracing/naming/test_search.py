@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.naming.search import _accepted
+from mjx_cutting.tracing.naming.search import _accepted, shortlist
 
 
 def _candidate(gain: float, accepted: bool, scattered: bool = False) -> SimpleNamespace:
@@ -65,3 +65,14 @@ def test_an_arm_that_swings_in_two_directions_has_two_modes_and_one_name(hiding)
         for name in ("mass_ratio", "frequency_hz", "damping"):
             assert getattr(mode, name) == pytest.approx(true[name], rel=0.03)
         assert np.sin(mode.direction_rad - true["direction_rad"]) == pytest.approx(0.0, abs=0.05)
+
+
+def test_what_the_search_was_here_for_before_is_fitted_again_though_it_explains_nothing():
+    def screened(name: str, share: float) -> SimpleNamespace:
+        return SimpleNamespace(kind=SimpleNamespace(name=name), share=share)
+
+    shares = {"one": 0.5, "two": 0.0, "three": 0.2, "four": 0.005, "five": 0.004}
+    given = [screened(name, share) for name, share in shares.items()]
+    assert [each.kind.name for each in shortlist(given)] == ["one", "two", "three"]
+    seen = {"five", "three"}
+    assert [each.kind.name for each in shortlist(given, seen)] == ["one", "two", "three", "five"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from benchmarks.study import make
 from mjx_cutting import _platform
-from mjx_cutting.cutting import effect_class
+from mjx_cutting.cutting import Tool, effect_class
 from mjx_cutting.cutting.effects.size_effect import SizeEffect
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.fit import fit_base
@@ -17,7 +19,7 @@ from mjx_cutting.tracing.fitting.screening import screen
 from mjx_cutting.tracing.naming import together
 from mjx_cutting.tracing.naming.by_direction import SizeEffectByDirection
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, try_effect
-from mjx_cutting.tracing.naming.together import _exchanged, _little_is_left, two_at_once
+from mjx_cutting.tracing.naming.together import _afresh, _exchanged, _little_is_left, two_at_once
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
@@ -180,3 +182,29 @@ def test_unknowns_of_two_effects_change_places():
     exchanged = _exchanged(x, 2, 3)
     np.testing.assert_array_equal(exchanged, [0, 1, 2, 3, 7, 8, 4, 5, 6])
     np.testing.assert_array_equal(_exchanged(exchanged, 3, 2), x)
+
+
+@pytest.mark.parametrize(
+    ("names", "begins"),
+    [
+        (("static_compliance", "flank_wear"), 2),
+        (("static_compliance", "torque_ripple"), 2),
+        (("torque_ripple", "robot_mode"), 0),
+    ],
+)
+def test_a_pair_that_is_not_found_from_what_each_is_alone_begins_where_the_search_for_each_does(
+    names, begins
+):
+    """One of many starts stays where it is alone."""
+    tool = Tool("slitting_saw", 20, 0.05)
+    kinds = [effect_class(name) for name in names]
+    alone = [SimpleNamespace(kind=k, fit=SimpleNamespace(x=np.full(6 + k.size(tool), 7.0))) for k in kinds]
+    found = _afresh(SimpleNamespace(tool=tool), SimpleNamespace(x=np.arange(6.0)), tuple(alone))
+    assert len(found) == begins
+    for x in found:
+        np.testing.assert_array_equal(x[:6], np.arange(6.0))
+        first, second = np.split(x[6:], [kinds[0].size(tool)])
+        assert first.tolist() in kinds[0].starts(tool).tolist()
+        few = len(kinds[1].starts(tool)) <= 2
+        assert (second.tolist() in kinds[1].starts(tool).tolist()) is few
+        assert few or np.all(second == 7.0)
