@@ -63,13 +63,15 @@ def reconsider(
     for index, (kind, place) in enumerate(zip(effects[:-1], places, strict=False)):
         low, high = edges[index], edges[index + 1]
         rest = (*effects[:index], *effects[index + 1 :])
-        alone, before = fitted(problem, lines, rest, np.delete(here, np.s_[low:high]), fold)
+        without = np.delete(here, np.s_[low:high])
+        alone, before = fitted(problem, lines, rest, without, fold)
         others = [each for each in rounds[place].candidates if each.kind not in effects][:_ALTERNATIVES]
-        starts = [(kind, here[low:high]), *((each.kind, _coordinates(each, problem)) for each in others)]
+        # the others alone may have gone far from where they are beside it
+        starts = [(kind, [without, here[low:high]])]
+        starts += [(each.kind, [np.asarray(alone.x), _coordinates(each, problem)]) for each in others]
         contest = Contest(problem, lines, fold, [each.kind for each in rounds[place].screened])
         tried = [
-            try_effect(contest, (*rest, one), np.concatenate([alone.x, own]), alone, before)
-            for one, own in starts
+            try_effect(contest, (*rest, one), np.concatenate(start), alone, before) for one, start in starts
         ]
         tried[0] = finer(tried[0], contest, (*rest, kind), alone, before)
         best = _best(tried)

@@ -10,6 +10,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.fit import base_starts, effect_starts, fit, reweighted
 from mjx_cutting.tracing.fitting.heldout import folds
 from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.naming import exchange
 from mjx_cutting.tracing.naming.candidate import Contest, Round, fitted, try_effect
 from mjx_cutting.tracing.naming.exchange import reconsider
 from mjx_cutting.tracing.records.lines import compress, trusted_band
@@ -79,3 +80,22 @@ def test_what_earns_its_place_keeps_it(session):
     assert again is not None and again.accepted is not None and again.accepted.kind is RUNOUT
     assert {each.kind for each in again.candidates} == {RUNOUT, PITCH}
     assert all(len(each.fit.model.effects) == 2 for each in again.candidates)
+
+
+def test_an_effect_is_tried_again_beside_the_others_as_they_are_beside_it(session, monkeypatch):
+    """Fitted without it they may go far from there, and then it is not found again."""
+    begun = []
+
+    def trying(contest, effects, start, *before):
+        begun.append((effects[-1], np.asarray(start)))
+        return try_effect(contest, effects, start, *before)
+
+    monkeypatch.setattr(exchange, "try_effect", trying)
+    change, _, both = after(session, RUNOUT, (PITCH,), SIZE)
+    assert change is None
+    (kind, start), (other, elsewhere) = begun
+    base = len(both.x) - RUNOUT.size(session[0].tool) - SIZE.size(session[0].tool)
+    runout, size = np.split(np.asarray(both.x)[base:], [RUNOUT.size(session[0].tool)])
+    assert kind is RUNOUT and other is PITCH
+    np.testing.assert_array_equal(start, np.concatenate([both.x[:base], size, runout]))
+    assert np.abs(elsewhere[: base + len(size)] - start[: base + len(size)]).max() > 0.0
