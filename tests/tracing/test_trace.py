@@ -70,8 +70,9 @@ def test_cuts_that_scatter_as_a_whole_lack_nothing(seed):
 
 @pytest.mark.slow
 def test_a_name_is_taken_back_where_all_it_explains_is_scatter(mill, monkeypatch):
-    """What counts as only that is `test_verdict`'s; here it is said of a runout."""
+    """What counts as only that is `test_verdict`'s and `test_own_factor`'s; here it is said of a runout."""
     monkeypatch.setitem(trace.__globals__, "only_scatter", lambda *_: True)
+    monkeypatch.setitem(trace.__globals__, "followed", lambda *_: False)
     tracing = trace(mill(HIDDEN["radial_runout"]), effects=("radial_runout",))
     assert tracing.verdict["effects"] == [] and tracing.model.effects == ()
     (taken_back,) = tracing.search.rounds[0].candidates
