@@ -10,13 +10,12 @@ its quanta are coarse or it has no noise, or where more than a hundredth of it d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting.trials.bridges import Found, bridged
 from mjx_cutting.trials.dataset import Dataset, Trial
-from mjx_cutting.trials.spikes import bridged
 
 FEWEST = 3
 """Samples alike in every channel, one after another, that no noise makes."""
@@ -43,16 +42,16 @@ def find_dropouts(trial: Trial, axes: Sequence[str] | None = None) -> NDArray[np
 def without_dropouts(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     """The trials with a line between the neighbours in place of lost samples, and in words what was replaced,
     trial by trial."""
-    trials, told = [], []
-    for trial in dataset.trials:
+
+    def find(trial: Trial) -> Found:
         lost = find_dropouts(trial, dataset.axes)
-        if len(lost):
-            names = [name for name, _ in trial.columns(dataset.axes)]
-            first = trial.time_s[lost[0]]
-            trial = bridged(trial, dict.fromkeys(names, lost), dataset.axes)
-            told.append(
-                f"{trial.file}: {len(lost)} samples that repeat the one before in every channel were "
-                f"replaced by the line between their neighbours (the first at {first:.4g} s)"
-            )
-        trials.append(trial)
-    return (replace(dataset, trials=tuple(trials)), tuple(told)) if told else (dataset, ())
+        return {name: lost for name, _ in trial.columns(dataset.axes)} if len(lost) else {}
+
+    def said(found: Found) -> str:
+        count = len(next(iter(found.values())))
+        return (
+            f"{count} samples that repeat the one before in every channel were replaced by the line between "
+            "their neighbours"
+        )
+
+    return bridged(dataset, find, said)

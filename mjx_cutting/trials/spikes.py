@@ -11,13 +11,13 @@ or repeats itself from turn to turn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from mjx_cutting.trials.dataset import Array, Dataset, Trial, columns_to_process
+from mjx_cutting.trials.bridges import Found, bridged
+from mjx_cutting.trials.dataset import Array, Dataset, Trial
 
 ABOUT = 5
 """Samples of which the median is taken: it passes by one or two that stand out, and keeps an edge."""
@@ -61,7 +61,7 @@ def find_spikes(signal: Array, turn_samples: float) -> NDArray[np.int64]:
     return np.array([each for each in found.tolist() if not again(each)], np.int64)
 
 
-def trial_spikes(trial: Trial, axes: Sequence[str] | None = None) -> dict[str, NDArray[np.int64]]:
+def trial_spikes(trial: Trial, axes: Sequence[str] | None = None) -> Found:
     """The spikes of a trial by column of its file; `axes` as in `Dataset`."""
     turn = (trial.samples - 1) / trial.revolutions
     found = {name: find_spikes(values, turn) for name, values in trial.columns(axes)}
@@ -71,29 +71,11 @@ def trial_spikes(trial: Trial, axes: Sequence[str] | None = None) -> dict[str, N
 def without_spikes(dataset: Dataset) -> tuple[Dataset, tuple[str, ...]]:
     """The trials with a line between the neighbours in place of every spike, and in words what was replaced,
     trial by trial."""
-    trials, told = [], []
-    for trial in dataset.trials:
-        found = trial_spikes(trial, dataset.axes)
-        if found:
-            trial = bridged(trial, found, dataset.axes)
-            first = min(int(each[0]) for each in found.values())
-            told.append(
-                f"{trial.file}: {sum(map(len, found.values()))} samples far from their neighbours were "
-                f"replaced by the line between those ({', '.join(found)}; the first at "
-                f"{trial.time_s[first]:.4g} s)"
-            )
-        trials.append(trial)
-    return (replace(dataset, trials=tuple(trials)), tuple(told)) if told else (dataset, ())
 
+    def said(found: Found) -> str:
+        return (
+            f"{sum(map(len, found.values()))} samples far from their neighbours were replaced by the line "
+            f"between those in {', '.join(found)}"
+        )
 
-def bridged(trial: Trial, found: dict[str, NDArray[np.int64]], axes: Sequence[str] | None) -> Trial:
-    """The trial with a line between the neighbours in place of the samples `found` of each column."""
-    mended = []
-    for name, values in trial.columns(axes):
-        sound = np.delete(np.arange(trial.samples), found.get(name, ()))
-        mended.append(np.interp(np.arange(trial.samples), sound, values[sound]))
-    if trial.torque_nm is None:
-        return replace(trial, force_n=columns_to_process(np.stack(mended, axis=1), axes))
-    force_n = trial.force_n.copy()
-    force_n[:, 2], torque_nm = mended
-    return replace(trial, force_n=force_n, torque_nm=torque_nm)
+    return bridged(dataset, lambda trial: trial_spikes(trial, dataset.axes), said)

@@ -29,10 +29,12 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _SHARE_OF_FREE = 0.9
 _SCATTER = 0.015
-SURELY = 1e-4
 _OWN = 0.5
 _OWN_OF_A_RESPONSE = 0.2
 _MOST = 0.7
+
+SURELY = 1e-4
+"""Chance below which factors that go with nothing do not follow an effect."""
 
 
 def by_chance(share: float, size: int, trials: int) -> float:

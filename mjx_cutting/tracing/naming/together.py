@@ -4,9 +4,9 @@ What one effect leaves unexplained of another's work is scatter to a test of it 
 size effect and a drift each take half of what is missing, name neither. So where no candidate passes and much
 is missing, the two that explain most together are tried, unless noise and what any model may be off are far
 more than they may leave: pairs are fitted for two steps, the best of them further, from what each is alone
-and, where none does, from where the search for it begins. They are named where
-together they leave little of it, beyond what the best of all pairs does by chance, and each passes every test
-beside the other. Beside the other each is told as finely as the trials show it: wear in its stages.
+and, where none does, from where the search for it begins. They are named where together they leave little of
+it, beyond what the best of all pairs does by chance, and each passes every test beside the other. Beside the
+other each is told as finely as the trials show it: wear in its stages.
 """
 
 from __future__ import annotations

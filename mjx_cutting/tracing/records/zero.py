@@ -69,10 +69,10 @@ def _without_teeth(trial: Trial, teeth: int, noise_n: float) -> Array | None:
     well elsewhere beside noise of `noise_n`, and the force is quite another then. As a tool enters, its teeth
     are not heard either where they cut over a whole number of pitches, but before and after they are."""
     turn = samples_a_turn(trial)
-    wave = np.exp(-2j * np.pi * teeth * trial.spindle_speed_rev_s * trial.time_s)[:, None]
-    around = trial.force_n - trial.force_n.mean(axis=0)
     if len(trial.time_s) <= turn:
         return None
+    wave = np.exp(-2j * np.pi * teeth * trial.spindle_speed_rev_s * trial.time_s)[:, None]
+    around = trial.force_n - trial.force_n.mean(axis=0)
     whole = slice(turn // 2, len(trial.time_s) - turn // 2)
     lines = uniform_filter1d(wave * around, turn, axis=0)[whole]
     heard = np.sqrt(2.0 * np.sum(np.abs(lines) ** 2, axis=1))
