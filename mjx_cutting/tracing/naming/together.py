@@ -11,6 +11,7 @@ other each is told as finely as the trials show it: wear in its stages.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, product
 
@@ -23,16 +24,21 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.model_error import tolerated
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
+from mjx_cutting.tracing.fitting.screening import Screened
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyond_chance, try_effect
 from mjx_cutting.tracing.naming.decision import CHANCE
 from mjx_cutting.tracing.naming.finer import finer
 
 _STEPS = (2, 6)
-_GO_ON = 4
+_GO_ON, _GO_ON_AFRESH = 4, 12
 _FEW = 2
+_FOLLOW, _SOMETHING = 4, 0.01
 _LEFT = 0.35
 _FAR_MORE = 4.0
 _EACH = 0.8
+Alone = Candidate | Screened
+Pair = tuple[Alone, Alone]
+Begun = tuple[Pair, NDArray[np.floating]]
 
 
 def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -> tuple[Round, Round] | None:
@@ -48,15 +54,18 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
     if not pairs or unexplained > _FAR_MORE * _LEFT**2 * float(before.squares):
         return None
     most = _LEFT**2 * float(before.squares)
-    pair, x, squares = _best(problem, effects, [(pair, _together(problem, pair)) for pair in pairs])
+    begins: list[Begun] = [(pair, _together(problem, pair)) for pair in pairs]
+    found, x, squares = _best(problem, effects, begins, _GO_ON)
     if not squares < most:
         # what an effect is alone may be far from what it is beside another
-        begins = [(pair, x) for pair in pairs for x in _afresh(problem, before, pair)]
+        more: list[Pair] = [*pairs, *product(alone.candidates, _following(problem, alone))]
+        begins = [(both, x) for both in more for x in _afresh(problem, before, both)]
         if not begins:
             return None
-        pair, x, squares = _best(problem, effects, begins)
+        found, x, squares = _best(problem, effects, begins, _GO_ON_AFRESH)
     if not squares < most:
         return None
+    pair = [_tried(contest, effects, before, alone, each) for each in found]
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
     own, last = first.kind.size(problem.tool), second.kind.size(problem.tool)
     x = x if pair[1] is second else _exchanged(x, own, last)
@@ -104,37 +113,46 @@ def _together(problem: Problem, pair: tuple[Candidate, Candidate]) -> NDArray[np
     return np.concatenate([one, other[-pair[1].kind.size(problem.tool) :]])
 
 
-def _afresh(problem: Problem, before: Fit, pair: tuple[Candidate, Candidate]) -> list[NDArray[np.floating]]:
+def _following(problem: Problem, alone: Round) -> list[Screened]:
+    """The most telling of the effects with few starts that explain something, but were not tried alone."""
+    tried = [each.kind for each in alone.candidates]
+    few = (each for each in alone.screened if len(each.kind.starts(problem.tool)) <= _FEW)
+    return [each for each in few if each.share > _SOMETHING and each.kind not in tried][:_FOLLOW]
+
+
+def _tried(contest: Contest, effects: Effects, before: Fit, alone: Round, each: Alone) -> Candidate:
+    """The effect `each` as it does alone."""
+    if isinstance(each, Candidate):
+        return each
+    return try_effect(contest, (*effects, each.kind), each.x, before, alone.before)
+
+
+def _afresh(problem: Problem, before: Fit, pair: Pair) -> list[NDArray[np.floating]]:
     """[U] unknowns of a pair, each of the two that has few starts at any of those, the other where it is
     alone."""
     starts, few = [], False
     for each in pair:
         own = np.asarray(each.kind.starts(problem.tool))
         few |= len(own) <= _FEW
-        starts.append(own if len(own) <= _FEW else np.asarray(each.fit.x)[None, -own.shape[1] :])
+        at = each.fit.x if isinstance(each, Candidate) else each.x
+        starts.append(own if len(own) <= _FEW else np.asarray(at)[None, -own.shape[1] :])
     at = np.asarray(before.x)
     return [np.concatenate([at, one, other]) for one, other in product(*starts)] if few else []
 
 
 def _best(
-    problem: Problem,
-    effects: Effects,
-    begins: list[tuple[tuple[Candidate, Candidate], NDArray[np.floating]]],
-) -> tuple[tuple[Candidate, Candidate], NDArray[np.floating], float]:
-    """The pair that leaves least, of those that `begins` holds with unknowns [U] to start from; its unknowns
-    and sum of squares."""
+    problem: Problem, effects: Effects, begins: Sequence[Begun], go_on: int
+) -> tuple[Pair, NDArray[np.floating], float]:
+    """The pair that leaves least, of those that `begins` holds with unknowns [U] to start from, the `go_on`
+    best of them followed further; its unknowns and sum of squares."""
     begun = [(pair, *_descended(problem, effects, pair, x, _STEPS[0])) for pair, x in begins]
-    leading = sorted(begun, key=lambda each: each[2])[:_GO_ON]
+    leading = sorted(begun, key=lambda each: each[2])[:go_on]
     ended = [(pair, *_descended(problem, effects, pair, x, _STEPS[1])) for pair, x, _ in leading]
     return min(ended, key=lambda each: each[2])
 
 
 def _descended(
-    problem: Problem,
-    effects: Effects,
-    pair: tuple[Candidate, Candidate],
-    x: NDArray[np.floating],
-    steps: int,
+    problem: Problem, effects: Effects, pair: Pair, x: NDArray[np.floating], steps: int
 ) -> tuple[NDArray[np.floating], float]:
     """Unknowns and sum of squares of a short fit of both from `x` [U]."""
     one, other = pair
