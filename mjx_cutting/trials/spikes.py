@@ -29,8 +29,8 @@ USUAL_PERCENT = 99.5
 TIMES_USUAL = 6.0
 """A spike is as many times as far from the median as all but the rarest samples are."""
 
-MOST_SHARE = 2e-3
-"""Of more samples than this something else is the matter."""
+MOST_SHARE = 4e-3
+"""Of more samples than this something else is the matter; fewer than those that USUAL_PERCENT leaves out."""
 
 AGAIN = 0.3
 SPEED_ERROR = 0.02

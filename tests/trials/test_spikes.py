@@ -31,6 +31,14 @@ def test_spikes_are_found(at):
     np.testing.assert_array_equal(find_spikes(signal, TURN), at)
 
 
+@pytest.mark.parametrize(("many", "found"), [(22, True), (28, False)])
+def test_of_too_many_something_else_is_the_matter(many, found):
+    """6000 samples; a burst is not 28 spikes."""
+    signal, at = force(3), 37 + 211 * np.arange(many)
+    signal[at] += 150.0
+    np.testing.assert_array_equal(find_spikes(signal, TURN), at if found else [])
+
+
 @settings(max_examples=100, deadline=None)
 @given(
     seed=st.integers(0, 10_000),

@@ -64,7 +64,8 @@ class _Line:
 def find_chatter(
     dataset: Dataset, band_hz: tuple[float, float], after: Sequence[Prediction], before: HeldOut
 ) -> SelfExcited | None:
-    """Chatter in what the levels leave; None where fewer than three trials show such a line.
+    """Chatter in what the levels leave; None where fewer than three trials show such a line, or none near the
+    frequency in the middle of them.
 
     Arguments:
         after: predictions of the model with everything else in it.
@@ -79,6 +80,8 @@ def find_chatter(
     frequency = np.array([each.frequency_hz for each in lines])
     middle = float(np.median(frequency[large]))
     shown = large & (np.abs(frequency / middle - 1.0) < _NEAR)
+    if not shown.any():
+        return None
     error = before.error_n2.copy()
     for i in np.flatnonzero(shown):
         error[i] += lines[i].change_n2

@@ -78,6 +78,15 @@ def test_levels_that_hold_noise_alone_show_nothing():
     assert _find(lambda speed, width, index: np.zeros_like(TIME)) is None
 
 
+def test_lines_at_two_frequencies_far_apart_are_no_chatter():
+    """Two trials at each, and none in between."""
+
+    def at_two(speed, width, index):
+        return (width == WIDE) * 30.0 * np.cos(2.0 * np.pi * (150.3 if speed < 10.0 else 220.7) * TIME)
+
+    assert _find(at_two) is None
+
+
 def test_mains_stay_at_one_frequency_in_every_cut():
     why = _why(_find(lambda speed, width, index: 30.0 * np.cos(2.0 * np.pi * 150.0 * TIME + index)))
     assert "stays whatever the speed" in why
