@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.along.at_once import fitted_together, with_together
 from mjx_cutting.tracing.along.end_layer import rather_a_slope
 from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_each_direction, of_the_chip
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound, less, without
 from mjx_cutting.tracing.along.slow_try import (
@@ -51,7 +53,8 @@ def search_slow(
     """Slow effects accepted one after another, beside a steady model that leaves `before` on held-out trials.
 
     Layers change all constants alike; or those of the chip alone, or those of each direction by their own,
-    whichever force free in position asks for, where much less is left then.
+    whichever force free in position asks for, where much less is left then. Those that are ramps for the most
+    part are refused: what changes gradually with the place is no layer.
 
     Arguments:
         trials: courses of the cut trials.
@@ -64,6 +67,28 @@ def search_slow(
             the steady model is freed of what it has taken for its own.
     """
     rest = (progress, tolerance, in_range)
+    found = _layers_in_the_best_way(trials, before, weight, names, kinds, *rest)
+    ramps = _rather_ramps(trials, found)
+    if ramps is None:
+        return found
+    # a wave that was not named beside them does less than they
+    named = {each.accepted.kind.name for each in found if each.accepted} - {LAYERED}
+    others = tuple(kind for kind in kinds if kind.name in named or kind.name not in (LAYERED, PERIODIC.name))
+    first, *later = _search(trials, before, weight, names, others, whole_force, *rest) or [
+        SlowRound(before, (), None)
+    ]
+    return replace(first, candidates=(*first.candidates, ramps)), *later
+
+
+def _layers_in_the_best_way(
+    trials: Sequence[Course],
+    before: HeldOut,
+    weight: Array,
+    names: Sequence[str] | None,
+    kinds: Sequence[Kind],
+    *rest: Any,
+) -> tuple[SlowRound, ...]:
+    """`search_slow`, layers as they are found, be they ramps."""
     found = _search(trials, before, weight, names, kinds, whole_force, *rest)
     if not _like_layers(found):
         return found
@@ -79,6 +104,19 @@ def search_slow(
     _, of_such, free = ways[int(np.argmax(falls))]
     other = _search(trials, before, weight, names, of_such(kinds), free, *rest)
     return other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
+
+
+def _rather_ramps(trials: Sequence[Course], rounds: Sequence[SlowRound]) -> SlowCandidate | None:
+    """The first of the layers found, refused, where they are even over less than most of the way between
+    their borders; None where they are, and of drills, whose lips meet a border one place after another."""
+    layers = [each.accepted for each in rounds if each.accepted and each.accepted.kind.name == LAYERED]
+    if not layers or any(np.ptp(each.border_power) > 0.0 for each in trials) or _has_steps(layers):
+        return None
+    why = (
+        f"the borders of its layers are {1e3 * layers[0].shape[2]:.3g} mm wide, more than {_BLENDED:.0%} of "
+        "the way between them: force changes gradually with the place, which no layer makes"
+    )
+    return replace(layers[0], decision=replace(layers[0].decision, accepted=False, reasons=(why,)))
 
 
 def _chip_and_edge(course: Course) -> Array:

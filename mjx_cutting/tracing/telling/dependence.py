@@ -29,21 +29,21 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis, order_of_columns
 from mjx_cutting.tracing.telling.judged import in_shares
 from mjx_cutting.tracing.telling.momentary import Momentary, momentary
+from mjx_cutting.tracing.telling.over_trials import curved, ranked, straight
 from mjx_cutting.tracing.telling.own_factor import OwnFactors, own_factors
+from mjx_cutting.tracing.telling.turns import MOST_ORDERS, orders_heard, turned
 from mjx_cutting.trials.dataset import Dataset
 
 Array = NDArray[np.floating]
 SIGNIFICANT = 0.001
 NOTICEABLE = 0.02
 _SLOW_TERMS = 6
-_PERMUTATIONS = 4000
 _RIDGE = 1e-9
 _ALIKE = 0.02
 _SHARE_OF_OWN = 0.5
 _TESTED_OF_ALL = 3
-_FEWEST_OF_A_CURVE = 8
-_CURVE_TERMS = 5
 _TOLD = 3
+_MOST_OF_IT = 0.9
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,16 @@ _COMES_AND_GOES = (
 )
 
 
+_AS_THE_FORCE = (
+    "every axis in the proportions of the cut's force: what the tool meets varies (depth, feed, the "
+    "material), or the sensor's gain does, not a force beside that of the cut"
+)
+_OF_TURNS = (
+    "something that repeats with the turns of the spindle, most of it {} a turn: a workpiece out of round, "
+    "the jaws of a chuck, runout, lips that are not alike"
+)
+
+
 def dependences(
     dataset: Dataset, predictions: Sequence[Prediction], teeth: int, orders: int
 ) -> tuple[Dependence, ...]:
@@ -101,9 +111,17 @@ def dependences(
     band = _independent_share(dataset, predictions)
     own = own_factors(predictions)
     # of a tool that is always engaged a trial has one level: without its factor nothing of that is left
-    levels = dataset.tool.kind in LEVEL_KINDS
-    shaped = predictions if levels else own.without
+    levels, ways = dataset.tool.kind in LEVEL_KINDS, 0.0
+    shaped: Sequence[Prediction] = own.without
+    if levels:
+        # nor has it a tooth passing
+        orders, teeth = orders_heard(predictions), MOST_ORDERS + 1
+        shaped, ways = turned(predictions, orders)
     split = [_split(each, orders) for each in shaped]
+    periodic = _periodic(split, teeth, orders, band, ways)
+    if levels and orders:
+        turns = _OF_TURNS.format(_times_a_turn(split, orders))
+        periodic = [replace(each, look_for=turns) for each in periodic]
     whole, part, force = (
         max(energy(each), 1e-300)
         for each in (
@@ -113,10 +131,12 @@ def dependences(
         )
     )
     moves = None if levels else momentary(predictions, band)
-    found = [*_periodic(split, teeth, orders, band), _memory(split, band)]
+    found = [*periodic, _memory(split, band)]
     found = [replace(each, share=part / whole * each.share) for each in found]
     tied = shaped if moves is None else own_factors(moves.without).without
     axes, rest = _axes(tied, band), energy([each.residual_n for each in tied])
+    if levels and _as_the_force(tied) > _MOST_OF_IT:
+        axes = replace(axes, look_for=_AS_THE_FORCE)
     found.append(replace(axes, share=rest / whole * axes.share))
     found.append(_slow(predictions, band) if moves is None else _moving(moves, predictions, band))
     found.append(_place(dataset, predictions, band))
@@ -159,8 +179,9 @@ def _split(prediction: Prediction, orders: int) -> _Split:
     return _Split(left, columns, weights, left - columns @ weights)
 
 
-def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float) -> list[Dependence]:
-    """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between."""
+def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float, ways: float) -> list[Dependence]:
+    """Lines at multiples of tooth passing, and at the other spindle orders, against what lies between; `ways`
+    as `turned` gives them."""
     order = order_of_columns(orders)[1:]
     passing = (order % teeth) == 0
     energy, line, count = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -176,8 +197,23 @@ def _periodic(split: Sequence[_Split], teeth: int, orders: int, band: float) -> 
         if count[index] == 0 or whole == 0:
             continue
         statistic = (line[index] / count[index]) / max(energy[index] / freedom, 1e-300)
-        results.append(_entry(name, stats.f.sf(statistic, count[index], freedom), line[index] / whole))
+        p_value = np.exp(min(stats.f.logsf(statistic, count[index], freedom) + ways, 0.0))
+        results.append(_entry(name, p_value, line[index] / whole))
     return results
+
+
+def _times_a_turn(split: Sequence[_Split], orders: int) -> str:
+    """How often most of what repeats with the turns does so in one of them, in words."""
+    order = order_of_columns(orders)[1:]
+    lines = [
+        sum(
+            float(np.sum((columns[:, order == n] @ weights[order == n]) ** 2))
+            for _, columns, weights, _ in split
+        )
+        for n in range(1, orders + 1)
+    ]
+    most = 1 + int(np.argmax(lines))
+    return "once" if most == 1 else f"{most} times"
 
 
 def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
@@ -276,6 +312,17 @@ def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
     return _entry("another axis", p_value, strongest**2)
 
 
+def _as_the_force(predictions: Sequence[Prediction]) -> float:
+    """Share of what is left, beside each trial's mean, that every axis has as the trial's predicted force."""
+    along, whole = 0.0, 0.0
+    for each in predictions:
+        left = each.residual_n - each.residual_n.mean(axis=0)
+        force = (each.predicted_n - each.bias_n).mean(axis=0)
+        along += float(np.sum((left @ force) ** 2)) / max(float(force @ force), 1e-300)
+        whole += float(np.sum(left**2))
+    return along / max(whole, 1e-300)
+
+
 def _own(
     own: OwnFactors, predictions: Sequence[Prediction], band: float, across: Sequence[Dependence]
 ) -> Dependence:
@@ -312,56 +359,16 @@ def _across(dataset: Dataset, predictions: Sequence[Prediction], own: OwnFactors
         if len(set(values)) < 3 or len(size) < 4 or np.ptp(size) == 0.0:
             continue
         at = np.asarray(values)
-        tests = [_ranked(at, size, varies), _straight(at, factor, factored)]
-        by_axis = [_straight(at, *axis) for axis in zip(levels.T, on_axis, strict=True)]
+        tests = [ranked(at, size, varies), straight(at, factor, factored)]
+        by_axis = [straight(at, *axis) for axis in zip(levels.T, on_axis, strict=True)]
         tests.append((len(by_axis) * min(by_axis)[0], sum(share for _, share in by_axis)))
         if name == "clock time":
-            tests.append(_curved(at, factor, factored))
+            tests.append(curved(at, factor, factored))
         best = int(np.argmin([p_value for p_value, _ in tests]))
         told = _entry(name, min(1.0, len(tests) * tests[best][0]), tests[best][1])
         results.append(told if best < _TESTED_OF_ALL else replace(told, look_for=_COMES_AND_GOES))
     feed, speed = (stats.rankdata(covariates[name]) for name in ("feed", "spindle speed"))
     together = (feed - feed.mean()) * (speed - speed.mean())
     if len(set(feed)) > 2 and len(set(speed)) > 2 and len(factor) > 5:
-        results.append(_entry("feed with spindle speed", *_straight(together, factor, factored)))
+        results.append(_entry("feed with spindle speed", *straight(together, factor, factored)))
     return results
-
-
-def _ranked(values: Array, figure: Array, energy: float) -> tuple[float, float]:
-    """Chance of the rank correlation of a trial's figure with a condition, and the share of energy in it."""
-    rank = stats.spearmanr(values, figure).statistic
-    shuffled = _shuffled_ranks(values, figure)
-    p_value = (1 + np.sum(np.abs(shuffled) >= abs(rank) - 1e-12)) / (1 + len(shuffled))
-    return float(p_value), float(rank**2 * energy)
-
-
-def _straight(values: Array, factor: Array, energy: float) -> tuple[float, float]:
-    """The same for a factor or a level, straight over the ranks of the condition."""
-    if np.ptp(factor) == 0.0:
-        return 1.0, 0.0
-    found = stats.pearsonr(stats.rankdata(values), factor)
-    return float(found.pvalue), float(found.statistic**2 * energy)
-
-
-def _curved(values: Array, factor: Array, energy: float) -> tuple[float, float]:
-    """The same for a slow curve over the condition; of fewer than eight trials none is told."""
-    count = len(factor)
-    if count < _FEWEST_OF_A_CURVE or np.ptp(factor) == 0.0:
-        return 1.0, 0.0
-    terms = min(_CURVE_TERMS, (count - 1) // 2)
-    u = 2.0 * (values - values.min()) / np.ptp(values) - 1.0
-    columns = np.polynomial.chebyshev.chebvander(u, terms)
-    weights, *_ = np.linalg.lstsq(columns, factor, rcond=None)
-    left = float(np.sum((factor - columns @ weights) ** 2)) / float(np.sum((factor - factor.mean()) ** 2))
-    freedom = count - 1 - terms
-    statistic = (1.0 - left) / terms / max(left / freedom, 1e-300)
-    return float(stats.f.sf(statistic, terms, freedom)), (1.0 - left) * energy
-
-
-def _shuffled_ranks(values: Array, size: Array) -> Array:
-    """Rank correlations under random pairings, from a fixed seed."""
-    generator = np.random.default_rng(0)
-    first, second = stats.rankdata(values), stats.rankdata(size)
-    first, second = first - first.mean(), second - second.mean()
-    norm = np.sqrt(np.sum(first**2) * np.sum(second**2))
-    return np.array([first @ generator.permutation(second) for _ in range(_PERMUTATIONS)]) / norm

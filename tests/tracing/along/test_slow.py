@@ -135,9 +135,13 @@ def test_a_gain_that_wanders_in_every_trial_anew_is_given_no_name():
     assert _named(wander)[0] == []
 
 
-def test_a_smooth_dependence_on_position_is_not_called_periodic():
-    found, _ = _named(lambda s, i: 0.3 * np.exp(-0.5 * ((s - 0.02) / 0.006) ** 2))
-    assert [each.kind.name for each in found] != ["material_periodicity"]
+@pytest.mark.parametrize("heights", [(0.3,), (0.5, -0.4, 0.4)], ids=["one swell", "three"])
+def test_a_smooth_dependence_on_position_is_neither_called_periodic_nor_layers(heights):
+    swells = list(zip(heights, (0.016, 0.037, 0.058), strict=False))
+    found, rounds = _named(lambda s, i: sum(h * np.exp(-(((s - at) / 8e-3) ** 2)) for h, at in swells))
+    assert found == []
+    reasons = [why for each in rounds for one in each.candidates for why in one.decision.reasons]
+    assert any("gradually" in why for why in reasons)
 
 
 def test_a_smooth_rise_along_the_path_is_not_called_a_layer():
