@@ -100,14 +100,14 @@ def courses(
 
 
 def _chip_and_edge(problem: Problem, model: ForceModel) -> tuple[Complex, Complex]:
-    """[R, orders + 1, 3] lines of the chip's force and of the edge's, N. The edge's is what is left at no
-    resistance of the chip: so is the force on a worn land."""
+    """[R, orders + 1, 3] lines of the chip's force and of the edge's, N. The edge's is what is left of the
+    teeth's at no resistance of the chip: so is the force on a worn land."""
     constants = model.material
     edge = Material(0.0, constants.K_te_n_m, 0.0, constants.K_re_n_m, 0.0, constants.K_ae_n_m)
     of_edge, whole = (
         _lines_of(problem, ForceModel(model.tool, material, model.effects)) for material in (edge, constants)
     )
-    return whole - of_edge, of_edge
+    return whole - of_edge, of_edge - _beside(problem, model)
 
 
 class _Only(AbstractEffect):
@@ -123,7 +123,13 @@ class _Only(AbstractEffect):
 
 def _directions(problem: Problem, model: ForceModel) -> Complex:
     """[3, R, orders + 1, 3] lines of the tangential, radial and axial force of the teeth, N."""
-    return np.stack([_lines_of(problem, model.with_effects(_Only(jnp.asarray(one)))) for one in np.eye(3)])
+    found = [_lines_of(problem, model.with_effects(_Only(jnp.asarray(one)))) for one in np.eye(3)]
+    return np.stack(found) - _beside(problem, model)
+
+
+def _beside(problem: Problem, model: ForceModel) -> Complex:
+    """[R, orders + 1, 3] lines of what is not of the teeth, N: drift, unbalance, what rubs on the sides."""
+    return _lines_of(problem, model.with_effects(_Only(jnp.zeros(3))))
 
 
 def _lines_of(problem: Problem, model: ForceModel) -> Complex:

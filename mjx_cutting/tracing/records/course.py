@@ -20,6 +20,7 @@ _KNOWN = 1.0
 _STRETCHES = 12
 _AT_REST = 0.02
 _TURNS_BACK = 0.005
+_WHITE = 4.0
 Array = NDArray[np.floating]
 
 
@@ -166,16 +167,25 @@ def rate_hz(trial: Trial) -> float:
 
 
 def along_path(trial: Trial) -> Array:
-    """[T] position along the path, m: the measured axis that moves most, or the feed's integral from zero."""
+    """[T] position along the path, m: the measured axis that moves most, or the feed's integral from zero. A
+    place that is off an even feed by white noise alone is that of the even feed."""
     if trial.position_m is not None:
         axis = int(np.argmax(np.ptp(trial.position_m, axis=0)))
-        place = trial.position_m[:, axis]
+        place = _evened(trial.time_s, trial.position_m[:, axis])
         return place if _goes_up(place) else -place
     time = trial.time_s - trial.time_s[0]
     if trial.feed_speed_measured_m_s is not None:
         step = np.diff(time, prepend=time[0])
         return np.cumsum(trial.feed_speed_measured_m_s * step)
     return trial.feed_speed_m_s * time
+
+
+def _evened(time_s: Array, place: Array) -> Array:
+    """A place [T] at an even feed where all it is off by is the white noise of an encoder; else as it is."""
+    even = np.polynomial.Polynomial.fit(time_s, place, 1)(time_s)
+    off = place - even
+    beside = float(np.sum(off[1:] * off[:-1])) / max(float(np.sum(off**2)), 1e-300)
+    return even if np.any(off) and abs(beside) < _WHITE / np.sqrt(len(off)) else place
 
 
 def _goes_up(place: Array) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.cutting import ForceModel, Material, Tool
-from mjx_cutting.cutting.effects import FlankWear, MaterialPeriodicity
+from mjx_cutting.cutting.effects import FlankWear, MaterialPeriodicity, SideFriction, Unbalance
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.along.waves import _chip_and_edge, courses
 from mjx_cutting.tracing.fitting.prediction import predictions
@@ -113,6 +113,20 @@ def test_directions_are_the_whole_force_and_each_its_own(seen):
         expected = np.std(tangential.chip_n + tangential.edge_n, axis=0)
         found = np.std(one.force_by_direction()[..., 0], axis=0)
         np.testing.assert_allclose(found, expected, rtol=1e-2, atol=1e-2 * expected.max())
+
+
+def test_what_is_not_of_the_teeth_is_of_neither_chip_nor_edge_nor_direction(seen):
+    """A balance that is off, and what rubs on the sides, do not press harder where a sheet is harder."""
+    beside = (Unbalance(2e-4, 0.7), SideFriction(2e4))
+    for one, other in zip(seen(_model(CHIP, EDGE)), seen(_model(CHIP, EDGE, *beside)), strict=True):
+        for alone, found in (
+            (one.chip_n, other.chip_n),
+            (one.edge_n, other.edge_n),
+            (one.force_by_direction(), other.force_by_direction()),
+        ):
+            size = np.abs(alone).max()
+            expected, found = np.sort(alone, axis=0), np.sort(found, axis=0)
+            np.testing.assert_allclose(found, expected, atol=0.02 * size)
 
 
 def test_directions_are_held_to_the_folds_as_the_force_is(seen):

@@ -69,3 +69,16 @@ def test_what_is_driven_back_adds_nothing_to_the_length_cut(on_a_way):
     trial = on_a_way(way)
     assert part_of(trial, way, slice(35, 60)).cut_length_before_m == pytest.approx(way[35])
     assert part_of(trial, way, slice(98, 100)).cut_length_before_m == 0.0
+
+
+def test_the_noise_of_an_encoder_is_no_motion(on_a_way):
+    """Places about a sample's feed off; of an even feed."""
+    way = 8e-6 * np.arange(2000)
+    measured = way + np.random.default_rng(1).normal(0.0, 5e-6, len(way))
+    np.testing.assert_allclose(along_path(on_a_way(measured)), way, atol=1e-6)
+
+
+def test_a_feed_that_is_uneven_is_kept_beside_the_noise(on_a_way):
+    way = 8e-6 * np.arange(2000) + 1e-5 * np.sin(0.05 * np.arange(2000))
+    measured = way + np.random.default_rng(1).normal(0.0, 5e-6, len(way))
+    np.testing.assert_array_equal(along_path(on_a_way(measured)), measured)
