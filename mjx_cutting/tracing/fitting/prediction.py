@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
+from mjx_cutting.cutting import AbstractEffect, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
 from mjx_cutting.tracing.fitting.moving import MovingLines, wave
-from mjx_cutting.tracing.fitting.problem import Problem, by_position, model_lines
+from mjx_cutting.tracing.fitting.problem import Problem, by_position, cuts_of, model_lines
 from mjx_cutting.tracing.fitting.residual import Residual, residual_of_lines
 from mjx_cutting.tracing.fitting.tuned import tuned_angle
 from mjx_cutting.tracing.records.course import along_path
@@ -123,21 +123,11 @@ def predictions(
 def loaded_about(dataset: Dataset, model: ForceModel, stated_rev_s: Array, error: float = 0.0) -> Array:
     """[R] speeds of the cut trials, stated as `stated_rev_s`, slowed by the model's droop where it has one,
     rev/s. `error` is the relative error of the stated speeds."""
-    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
     stated = (1.0 + error) * stated_rev_s
     rigid, droop = _at_loaded_speed(model)
     if droop is None:
         return stated
-    cut = Cut.milling(
-        trials[0].milling or "slot",
-        dataset.tool.diameter_m,
-        angle_rad=0.0,
-        spindle_speed_rev_s=stated,
-        feed_speed_m_s=np.array([trial.feed_speed_m_s for trial in trials]),
-        radial_depth_m=np.array([trial.radial_depth_m for trial in trials]),
-        axial_width_m=np.array([trial.axial_width_m for trial in trials]),
-    )
-    return np.asarray(droop.loaded_speed_rev_s(cut, rigid))
+    return np.asarray(droop.loaded_speed_rev_s(cuts_of(dataset, stated), rigid))
 
 
 def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None]:

@@ -118,12 +118,9 @@ class Problem(eqx.Module):
         return CONSTANTS + bias + sum(each.size(self.tool) for each in self.given)
 
 
-def pose(dataset: Dataset, lines: Lines) -> Problem:
-    """The fitting problem of a dataset's cut trials (call it in float64)."""
+def cuts_of(dataset: Dataset, speed_rev_s: ArrayLike) -> Cut:
+    """The cut trials [R] at the middle of their paths, at those speeds [R]."""
     trials = [trial for trial in dataset.trials if trial.kind == "cut"]
-    shape = dataset.tool
-    tool = Tool(shape.kind, shape.teeth, shape.diameter_m, shape.helix_rad, slices=1)
-    places = [along_path(trial) for trial in trials]
     cuts = [
         Cut.milling(
             trial.milling or "slot",
@@ -133,14 +130,24 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
             feed_speed_m_s=trial.feed_speed_m_s,
             radial_depth_m=trial.radial_depth_m,
             axial_width_m=trial.axial_width_m,
-            position_m=float(np.mean(place)),
+            position_m=float(np.mean(along_path(trial))),
             cut_length_m=trial.cut_length_before_m + 0.5 * _length_m(trial),
             time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             angle_holds_ripple=float(holds_ripple(trial)),
         )
-        for trial, place, speed in zip(trials, places, lines.speed_rev_s, strict=True)
+        for trial, speed in zip(trials, np.asarray(speed_rev_s), strict=True)
     ]
+    return jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts)
+
+
+def pose(dataset: Dataset, lines: Lines) -> Problem:
+    """The fitting problem of a dataset's cut trials (call it in float64)."""
+    trials = [trial for trial in dataset.trials if trial.kind == "cut"]
+    shape = dataset.tool
+    tool = Tool(shape.kind, shape.teeth, shape.diameter_m, shape.helix_rad, slices=1)
+    places = [along_path(trial) for trial in trials]
+    cut = cuts_of(dataset, lines.speed_rev_s)
     rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
     noise = lines.noise_std_n()
     zeroed_once = dataset.sensor.zeroed == "session"
@@ -156,7 +163,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     kept = np.concatenate([[0], np.stack([2 * heard - 1, 2 * heard], axis=1).ravel()]).astype(int)
     return Problem(
         tool=tool,
-        cut=jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts),
+        cut=cut,
         path_m=jnp.asarray([float(np.ptp(place)) for place in places]),
         whitened=jnp.asarray(lines.whitened[:, kept]),
         factor=jnp.asarray(lines.factor[:, kept[:, None], kept]),
@@ -172,7 +179,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         shared_bias=zeroed_once and (air is not None or _bias_shows(dataset.tool.kind, trials)),
         orders=lines.orders,
         angles=angles,
-        arc_rad=_ARC_STEP * float(np.ceil(max(map(_arc, cuts)) / _ARC_STEP)),
+        arc_rad=_ARC_STEP * float(np.ceil(_longest_arc(cut) / _ARC_STEP)),
         air=air,
         alive=_alive(trials),
     )
@@ -201,8 +208,8 @@ def _bias_shows(kind: str, trials: Sequence[Trial]) -> bool:
     return kind == "turning" and max(width) > _WIDTHS_APART * min(width)
 
 
-def _arc(cut: Cut) -> float:
-    return float(np.asarray(cut.exit_rad) - np.asarray(cut.entry_rad))
+def _longest_arc(cut: Cut) -> float:
+    return float(np.max(np.asarray(cut.exit_rad) - np.asarray(cut.entry_rad)))
 
 
 def model_at(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]) -> ForceModel:

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from benchmarks.study import make
+from mjx_cutting.cutting import ForceModel, Material, Tool
+from mjx_cutting.cutting.effects import SpindleDroop
 from mjx_cutting.tracing import predict_trials, trace
 from mjx_cutting.tracing.along.droop import CHANCE, _law
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
+from mjx_cutting.tracing.fitting.prediction import loaded_about
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
@@ -47,6 +50,30 @@ def test_losses_that_no_stated_speed_may_err_by_are_droop_though_they_scatter():
 def test_speeds_stated_too_high_whatever_the_load_are_not_droop():
     scatter = 0.004 * np.random.default_rng(0).normal(size=len(STATED))
     assert _law((0.03 + scatter) * STATED, TORQUE, STATED).chance > CHANCE
+
+
+def test_each_cut_is_slowed_by_the_torque_of_its_own_kind_of_milling(mill):
+    """A slot among cuts of a fifth of the diameter, either way round."""
+    dataset = mill()
+    kinds = zip(dataset.trials, ("slot", "conventional", "climb") * 2, strict=True)
+    trials = tuple(
+        each if kind == "slot" else replace(each, milling=kind, radial_depth_m=0.2 * dataset.tool.diameter_m)
+        for each, kind in kinds
+    )
+    shape = dataset.tool
+    model = ForceModel(
+        Tool(shape.kind, shape.teeth, shape.diameter_m), Material(8e8, 2e4, 0.0, 0.0, 0.0, 0.0)
+    )
+    model = model.with_effects(SpindleDroop(0.1))
+    stated = np.array([each.spindle_speed_rev_s for each in trials])
+    with jax.enable_x64(True):
+        found = loaded_about(replace(dataset, trials=trials), model, stated)
+        alone = [
+            loaded_about(replace(dataset, trials=(each,)), model, np.array([speed]))[0]
+            for each, speed in zip(trials, stated, strict=True)
+        ]
+    np.testing.assert_allclose(found, alone, rtol=1e-12)
+    assert np.all(stated[1::3] - found[1::3] < 0.5 * (stated[0] - found[0]))
 
 
 @pytest.mark.slow
