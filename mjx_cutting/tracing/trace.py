@@ -139,9 +139,22 @@ def _with_every_trial_or_one_less(
     seed: int,
     progress: Callable[[str], None],
 ) -> Tracing:
-    """`trace` of checked trials: of all, their columns read otherwise if need be, or without one spoiled."""
+    """`trace` of checked trials: of all, without one spoiled, or their columns read otherwise if need be."""
     said = dataset.axes
     found = _trace(dataset, said, band_hz, effects, seed, progress)
+
+    def less_one() -> Tracing:
+        tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
+        tried += [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
+        one = spoiled(found.dataset, found.final, tried, found.floor_nrmse)
+        if one is None or found.verdict["verdict"] not in _OPEN:
+            return found
+        progress(f"once more, without {one.file}")
+        return _trace(without(dataset, one), said, band_hz, effects, seed, progress)
+
+    fewer = less_one()
+    if fewer.verdict["verdict"] not in _OPEN:
+        return fewer
     if (reading := found.reading or _reading(found)) is not None:
         progress(f"once more, the columns of force read as {list(reading.axes)}")
         otherwise = read_as(dataset, reading.axes)
@@ -149,17 +162,10 @@ def _with_every_trial_or_one_less(
         explained = again.verdict["verdict"] not in _OPEN
         if missing(again) < most_left(said, reading, explained) * missing(found):
             dataset, found = otherwise, again
+            fewer = less_one()
     word = found.verdict["verdict"]
-    tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
-    tried += [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
-    if word not in _OPEN:
-        return found
-    if (one := spoiled(found.dataset, found.final, tried, found.floor_nrmse)) is None:
-        return found
-    progress(f"once more, without {one.file}")
-    again = _trace(without(dataset, one), said, band_hz, effects, seed, progress)
-    settled = again.verdict["verdict"] not in _OPEN[: _OPEN.index(word) + 1]
-    return again if settled or again.final.nrmse < _CLEARER * found.final.nrmse else found
+    settled = word in _OPEN and fewer.verdict["verdict"] not in _OPEN[: _OPEN.index(word) + 1]
+    return fewer if settled or fewer.final.nrmse < _CLEARER * found.final.nrmse else found
 
 
 def _reading(found: Tracing) -> Reading | None:
