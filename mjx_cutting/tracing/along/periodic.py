@@ -19,7 +19,8 @@ from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 _MOST_SHAPES = 2000
-_FEWEST_WAVES = 2.0
+_FEWEST_WAVES, _OF_LONG_ONES = 2.0, 3.0
+_LONG_M = 1e-2
 _SAME_AT_CENTRE_RAD = 0.5
 _APART_RAD = 0.8
 _CARRIERS_AT_ONCE = 16
@@ -33,11 +34,14 @@ Array = NDArray[np.floating]
 def _shapes(courses: Sequence[Course]) -> Array:
     """[P, 3] wavelengths from half of the path down to 1 mm, as many as the positions tell apart, edge's
     share nil at first, at the tool's centre; then again those that a pattern met by the teeth tells from it.
+    Longer ones than a sheet's usually are, 2 to 10 mm, go into the path three times: two swells of any force
+    along it are a wave and a half.
     """
     path = max(float(np.ptp(each.position_m)) for each in courses)
     span = max(float(e.position_m.max()) for e in courses) - min(float(e.position_m.min()) for e in courses)
     samples_per_m = min(len(each.time_s) / max(float(np.ptp(each.position_m)), 1e-9) for each in courses)
     waves = np.arange(_FEWEST_WAVES / path, min(1e3, 0.4 * samples_per_m), 0.25 / span)
+    waves = waves[(waves > 1.0 / _LONG_M) | (waves > _OF_LONG_ONES / path)]
     centre = 1.0 / waves[:_MOST_SHAPES, None] * [1.0, 0.0, 0.0]
     radians = 2.0 * np.pi / centre[:, 0] * _reach(courses)
     carriers = max(_MOST_SAMPLES / sum(len(each.time_s) for each in courses), _FEWEST_CARRIERS)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.tracing.along.layers import together
+from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.shapes import Sums, solve, sums
 from mjx_cutting.tracing.along.slow_kinds import KINDS, of_each_direction
 from mjx_cutting.tracing.records.course import Course
@@ -129,3 +130,16 @@ def test_where_a_place_ends_may_show_in_one_trial_alone_but_not_that_it_is_there
     best, coefficients, _ = solve(found, np.ones(3), np.ones(1), shared=True)
     assert best == 1 and coefficients == pytest.approx([1.0])
     assert solve(found, np.ones(3), np.ones(1))[0] == 2
+
+
+@pytest.mark.parametrize(("path_m", "longest_m"), [(0.015, 0.0075), (0.025, 0.01), (0.09, 0.03)])
+def test_a_wave_longer_than_usual_must_come_three_times_in_the_path(path_m, longest_m):
+    time = np.arange(4000) / 1000.0
+    force = np.ones((4000, 3))
+    courses = [
+        Course(time, share * path_m * time / time[-1], None, force, force, force, 1000.0, (0.0, 400.0))
+        for share in (0.5, 1.0)
+    ]
+    wavelengths = PERIODIC.grid(courses)[:, 0]
+    assert wavelengths.max() == pytest.approx(longest_m, rel=0.1)
+    assert wavelengths.max() <= longest_m
