@@ -55,15 +55,21 @@ class StaticCompliance(AbstractEffect):
     def engage(self, cut: Cut, force: Callable[[Cut], Array], model: ForceModel) -> Cut:
         radius = 0.5 * jnp.asarray(model.tool.diameter_m)
         entry, exit_ = jnp.asarray(cut.entry_rad), jnp.asarray(cut.exit_rad)
-        climb = entry > _FULL
-        slot = exit_ - entry > jnp.pi - _FULL
+        # an arc that is alike before and behind the axis, of a slot also at the end of a sheet, has no wall
+        climb, walled = entry + exit_ > jnp.pi, jnp.abs(entry + exit_ - jnp.pi) > _FULL
         commanded = jnp.asarray(cut.radial_depth_m)
         away = jnp.where(climb, -1.0, 1.0)
+        full = jnp.arccos(jnp.clip(1.0 - jax.lax.stop_gradient(commanded) / radius, -1.0, 1.0))
+        # at the end of a sheet teeth meet less of the arc, wherever its wall is
+        front = jnp.where(climb, jnp.pi - exit_, entry)
+        behind = jnp.where(climb, jnp.pi - entry, exit_)
+        short = behind < full - _FULL
 
         def with_arc(swept: Array) -> Cut:
+            last = jnp.maximum(jnp.where(short, jnp.minimum(swept, behind), swept), front)
             return cut.replace(
-                entry_rad=jnp.where(climb, jnp.pi - swept, 0.0),
-                exit_rad=jnp.where(climb, jnp.pi, swept),
+                entry_rad=jnp.where(climb, jnp.pi - last, front),
+                exit_rad=jnp.where(climb, jnp.pi - front, last),
                 radial_depth_m=radius * (1.0 - jnp.cos(swept)),
             )
 
@@ -71,7 +77,7 @@ class StaticCompliance(AbstractEffect):
             push = away * mean_load(model, with_arc(swept)).force[..., 1]
             return radius * (1.0 - jnp.cos(swept)) - commanded - self.compliance_m_n * push
 
-        swept = jnp.clip(exit_ - entry, 1e-6, jnp.pi - _FULL)
+        swept = jnp.clip(full, 1e-6, jnp.pi - _FULL)
         for _ in range(_NEWTON):
             over, slope = jax.jvp(excess, (swept,), (jnp.ones_like(swept),))
             step = over / jnp.maximum(slope, 1e-12)
@@ -81,7 +87,7 @@ class StaticCompliance(AbstractEffect):
         swept = swept - over / jax.lax.stop_gradient(jnp.maximum(slope, 1e-12))
         swept = jnp.where(commanded > 0.0, jnp.maximum(swept, 0.0), 0.0)
         bent = with_arc(swept)
-        return jax.tree.map(lambda old, new: jnp.where(slot, old, new), cut, bent)
+        return jax.tree.map(lambda old, new: jnp.where(walled, new, old), cut, bent)
 
     @classmethod
     def size(cls, tool: Tool) -> int:

@@ -11,10 +11,13 @@ import pytest
 
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, effect_class, order_lines, revolution
 from mjx_cutting.cutting.average import mean_load
+from mjx_cutting.cutting.effects.entry_exit import part_of_arc
 
 pytestmark = pytest.mark.usefixtures("float64")
 
 SPEED, DIAMETER = 19.0, 0.05
+REACH_SHARE = np.sqrt(0.002 * (DIAMETER - 0.002)) / (0.5 * DIAMETER)
+"""Way from the first touch of a sheet until the arc of a cut 2 mm deep is full, over the radius."""
 TOOL = Tool("slitting_saw", 20, DIAMETER)
 MATERIAL = Material.from_n_mm(900.0, 20.0, 400.0, 30.0, 50.0, 3.0)
 
@@ -60,6 +63,30 @@ def test_compliance_balances_depth_and_force(milling: str, stiffness: float):
     assert 0.0 < found < 0.002
     again = cut(milling, found)
     np.testing.assert_allclose([bent.entry_rad, bent.exit_rad], [again.entry_rad, again.exit_rad], atol=1e-9)
+
+
+@pytest.mark.parametrize("milling", ["conventional", "climb", "slot"])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+def test_a_stiff_arm_meets_the_end_of_a_sheet_as_a_rigid_one(milling: str, share: float):
+    """Share of the way in; teeth meet the foremost part of their arc."""
+    part = part_of_arc(cut(milling), (1.0 - share) * REACH_SHARE)
+    found, _ = bent_by(1e-12, part)
+    np.testing.assert_allclose([found.entry_rad, found.exit_rad], [part.entry_rad, part.exit_rad], atol=1e-6)
+
+
+@pytest.mark.parametrize("milling", ["conventional", "climb"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_at_the_end_of_a_sheet_the_spring_carries_the_force_there(milling: str, share: float):
+    """The arc still begins where the sheet does; its wall stands where the balance has it."""
+    part = part_of_arc(cut(milling), (1.0 - share) * REACH_SHARE)
+    bent, force = bent_by(1e-5, part)
+    push = float(force[1]) * (1.0 if milling == "conventional" else -1.0)
+    found = float(bent.radial_depth_m)
+    assert push < 0.0
+    np.testing.assert_allclose(found, 0.002 + push * 1e-5, rtol=1e-7)
+    wall = np.arccos(1.0 - found / (0.5 * DIAMETER))
+    expected = (part.entry_rad, wall) if milling == "conventional" else (np.pi - wall, part.exit_rad)
+    np.testing.assert_allclose([bent.entry_rad, bent.exit_rad], expected, atol=1e-9)
 
 
 def test_compliance_is_concave_in_load_and_spares_the_slot():
