@@ -2,7 +2,8 @@
 
 a = max(0, a_cmd + F_y(a) / K), F_y the mean force along the normal (away from the sheet below zero), solved
 for the arc by Newton's method; slopes follow from the implicit function theorem. In a full slot the
-deflection shifts the slot and leaves the engagement. K: impedance control 0.0005-0.02 N/um, cobot 0.02-0.1,
+deflection shifts the slot and leaves the engagement; at the end of a sheet, where teeth meet only the
+foremost part of their arc, the wall alone moves. K: impedance control 0.0005-0.02 N/um, cobot 0.02-0.1,
 robot 0.1-1. Signature: force concave in load, slow entry, dependent on pose. Confused with the size effect:
 change the depth. The simulation's robot deflects by itself: give it this effect only for compliance it does
 not have. A force that pulls in deepens the cut, at worst to a full slot. It takes the mean over a

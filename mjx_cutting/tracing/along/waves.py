@@ -34,6 +34,7 @@ from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.trials.dataset import Dataset
 
 Complex = NDArray[np.complexfloating]
+_OF_TEETH = ("spindle", "chip", "edge")
 Array = NDArray[np.floating]
 
 
@@ -129,6 +130,8 @@ def _directions(problem: Problem, model: ForceModel) -> Complex:
 
 def _beside(problem: Problem, model: ForceModel) -> Complex:
     """[R, orders + 1, 3] lines of what is not of the teeth, N: drift, unbalance, what rubs on the sides."""
+    if all(each.stage in _OF_TEETH for each in model.effects):
+        return np.zeros((problem.trials, problem.orders + 1, 3), complex)
     return _lines_of(problem, model.with_effects(_Only(jnp.zeros(3))))
 
 
