@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,30 +65,30 @@ def search_slow(
         in_range: whether parameters must lie in their physical ranges. A share of the force does not until
             the steady model is freed of what it has taken for its own.
     """
-    rest = (progress, tolerance, in_range)
-    found = _layers_in_the_best_way(trials, before, weight, names, kinds, *rest)
+
+    def search(ways: Sequence[Kind], carrier: Carrier) -> tuple[SlowRound, ...]:
+        return _search(trials, before, weight, names, ways, carrier, progress, tolerance, in_range)
+
+    found = _layers_in_the_best_way(search, trials, weight, kinds)
     ramps = _rather_ramps(trials, found)
     if ramps is None:
         return found
     # a wave that was not named beside them does less than they
     named = {each.accepted.kind.name for each in found if each.accepted} - {LAYERED}
     others = tuple(kind for kind in kinds if kind.name in named or kind.name not in (LAYERED, PERIODIC.name))
-    first, *later = _search(trials, before, weight, names, others, whole_force, *rest) or [
-        SlowRound(before, (), None)
-    ]
+    first, *later = search(others, whole_force) or [SlowRound(before, (), None)]
     return replace(first, candidates=(*first.candidates, ramps)), *later
 
 
 def _layers_in_the_best_way(
+    search: Callable[[Sequence[Kind], Carrier], tuple[SlowRound, ...]],
     trials: Sequence[Course],
-    before: HeldOut,
     weight: Array,
-    names: Sequence[str] | None,
     kinds: Sequence[Kind],
-    *rest: Any,
 ) -> tuple[SlowRound, ...]:
-    """`search_slow`, layers as they are found, be they ramps."""
-    found = _search(trials, before, weight, names, kinds, whole_force, *rest)
+    """What a `search` of `kinds`, held to force free in position of a carrier, finds: layers in the way that
+    leaves least, be they ramps."""
+    found = search(kinds, whole_force)
     if not _like_layers(found):
         return found
     # what is apart in them, how they are then looked for, and what they are held to
@@ -102,7 +101,7 @@ def _layers_in_the_best_way(
     if max(falls) < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
         return found
     _, of_such, free = ways[int(np.argmax(falls))]
-    other = _search(trials, before, weight, names, of_such(kinds), free, *rest)
+    other = search(of_such(kinds), free)
     return other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
 
 

@@ -31,7 +31,7 @@ from mjx_cutting.tracing.telling.judged import in_shares
 from mjx_cutting.tracing.telling.momentary import Momentary, momentary
 from mjx_cutting.tracing.telling.over_trials import curved, ranked, straight
 from mjx_cutting.tracing.telling.own_factor import OwnFactors, own_factors
-from mjx_cutting.tracing.telling.turns import MOST_ORDERS, orders_heard, turned
+from mjx_cutting.tracing.telling.repeats import MOST_ORDERS, orders_heard, turned
 from mjx_cutting.trials.dataset import Dataset
 
 Array = NDArray[np.floating]

@@ -4,7 +4,8 @@ A tool that is always engaged is compared by its level, and no line of its own t
 comes once or a few times a turn (a workpiece out of round, the jaws of a chuck, runout, lips that are not
 alike) stands at the first multiples of a speed that is near the stated one: each record is turned at that
 speed within reach of it at whose multiples there is most. So many speeds as a record can tell apart are as
-many tries.
+many tries. (`records.spindle` reads the speed of a cutter from its force, in which tooth passing counts most;
+here no multiple is likelier than another.)
 
 The assumption that breaks it: a line that is no multiple of the spindle's, such as mains, and yet within
 reach of one in every trial.

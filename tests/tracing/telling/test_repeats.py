@@ -7,7 +7,7 @@ import pytest
 
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.telling.dependence import dependences
-from mjx_cutting.tracing.telling.turns import turned
+from mjx_cutting.tracing.telling.repeats import turned
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SECONDS = 500.0, 6.0
