@@ -3,7 +3,8 @@
 Coolant that is switched off, an edge that chips, a cable that is moved, a bar of another batch: from one cut
 to the next the force on the edge, the sensor's zero or all of the force is another and stays so. Three
 quarters of the energy of such a step are in the straight line through it, which wear and drift follow. So
-they pass only where no step between two cuts leaves much less.
+they pass only where no step between two cuts leaves much less. Where all cuts are of one width, the force on
+the edge and the zero jump alike, and both are told.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.guards.gain import Gain
 
 _MUCH_LESS = 0.5
+_TIED = 1.05
 _MOST_PLACES = 32
 _LOWEST = 3
 _STEPS = 3
@@ -114,11 +116,16 @@ def rather_sudden(gain: Gain) -> str | None:
     onsets = onsets[np.unique(np.linspace(0, len(onsets) - 1, _MOST_PLACES).astype(int))]
     slope = Descent(gain.problem, gain.others).around(gain.rest)[1]
     tried = [(*_least(gain, slope, step, of, onsets), step) for step in _TRIED]
-    squares, onset, step = min(tried, key=lambda each: each[0])
+    squares, onset, _ = min(tried, key=lambda each: each[0])
     if squares >= _MUCH_LESS * float(gain.found.squares):
         return None
-    what, ratio = step.name.replace("_", " "), float(gain.found.squares) / max(squares, 1e-300)
-    return f"a {what} at {onset:.4g} {_ORDERS[of]} leaves {ratio:.3g} times less"
+    of_what = [
+        step.name.removeprefix("step_").replace("_", " ")
+        for left, _, step in tried
+        if left <= _TIED * squares
+    ]
+    ratio = float(gain.found.squares) / max(squares, 1e-300)
+    return f"a step {' or '.join(of_what)} at {onset:.4g} {_ORDERS[of]} leaves {ratio:.3g} times less"
 
 
 def _least(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjx_cutting._report.quantities import number, percent
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 from mjx_cutting.trials.dataset import Trial
 
 _FEW_TRIALS = 6

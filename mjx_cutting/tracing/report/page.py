@@ -19,7 +19,7 @@ from mjx_cutting.tracing.report import advice, figures, wording
 from mjx_cutting.tracing.report.figures.subject import subjects
 from mjx_cutting.tracing.report.parameters import estimates
 from mjx_cutting.tracing.telling.dependence import Dependence
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 _ACROSS = ("feed", "spindle speed", "radial depth", "cut length", "clock time")
 _CANDIDATES_SHOWN = 8

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting._report.quantities import interval, joined
 from mjx_cutting.tracing.naming.decision import half_width
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 _CONSTANTS = (
     ("K_tc_n_m2", "K_tc", "tangential force per chip area", "N/m^2"),

@@ -11,7 +11,7 @@ from typing import Any
 
 from mjx_cutting._report.quantities import interval, joined, percent
 from mjx_cutting.cutting import AbstractEffect, effect_class
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 TONES = {
     "explained": "good",

@@ -23,7 +23,7 @@ from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.tracing.records.noise import noise_floor
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.verdict import verdict
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 RATE_HZ, SPEED_REV_S, SECONDS = 2000.0, 25.0, 0.5

@@ -18,7 +18,7 @@ from mjx_cutting._report.style import figure_to_png
 from mjx_cutting.tracing.report import page, wording
 from mjx_cutting.tracing.report.figures import trials_figure
 from mjx_cutting.tracing.report.page import render
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 from mjx_cutting.trials.dataset import LeftOut
 
 Make = Callable[..., Tracing]

@@ -11,7 +11,7 @@ import pytest
 from mjx_cutting.tracing.report import advice, wording
 from mjx_cutting.tracing.report.figures import revolution, spectrum, subject, telling, trials
 from mjx_cutting.tracing.report.parameters import estimates
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 Make = Callable[..., Tracing]
 SPEED_REV_S, ONCE_N = 25.0, 40.0

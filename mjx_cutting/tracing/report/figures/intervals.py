@@ -12,7 +12,7 @@ import numpy as np
 
 from mjx_cutting._report.style import AFTER, FLOOR, MEASURED, new_figure, plain, style_axes
 from mjx_cutting.tracing.report.parameters import Estimate, estimates
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjx_cutting._report.style import new_figure
 from mjx_cutting.tracing.telling.isolability import isolability
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

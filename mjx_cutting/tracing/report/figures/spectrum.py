@@ -24,7 +24,7 @@ from mjx_cutting.tracing.report.figures.subject import (
     spread_over,
     subjects,
 )
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 from mjx_cutting.trials.dataset import Trial
 
 Array = NDArray[np.floating]

@@ -22,7 +22,7 @@ from mjx_cutting.tracing.report.figures.subject import (
     named,
     subjects,
 )
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

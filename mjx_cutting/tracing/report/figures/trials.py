@@ -11,7 +11,7 @@ import numpy as np
 
 from mjx_cutting._report.style import AFTER, BEFORE, FLOOR, GRID, legend_above, new_figure, plain, style_axes
 from mjx_cutting.tracing.report.figures.subject import Array, after_label, named, subjects
-from mjx_cutting.tracing.trace import Tracing
+from mjx_cutting.tracing.told import Tracing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
