@@ -24,7 +24,8 @@ from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut, on_other_lines
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
-from mjx_cutting.tracing.naming.decision import gain_over_trials, interval
+from mjx_cutting.tracing.naming.chance import gain_over_trials
+from mjx_cutting.tracing.naming.intervals import interval
 from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.tracing.records.spindle import spindle_angle

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, effect_at, like_geometry
 from mjx_cutting.tracing.along.engaged import Engaged, cut_down, one_place
-from mjx_cutting.tracing.naming.decision import Interval, interval
+from mjx_cutting.tracing.naming.intervals import Interval, interval
 from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.whole_records import (

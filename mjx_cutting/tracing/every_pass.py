@@ -36,7 +36,7 @@ from mjx_cutting.tracing.droop_on_ramps import with_droop_on_ramps
 from mjx_cutting.tracing.entered import entered
 from mjx_cutting.tracing.fitting.measured_path import pose_on_path, steady_cuts
 from mjx_cutting.tracing.loop_in_air import loop_in_air
-from mjx_cutting.tracing.naming.decision import gain_over_trials
+from mjx_cutting.tracing.naming.chance import gain_over_trials
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.passes import Pass, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS

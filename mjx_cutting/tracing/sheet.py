@@ -18,7 +18,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.along.ends import NAME, Ramps, effect_at, like_geometry, met_by, places_of
 from mjx_cutting.tracing.along.engaged import cut_down, touches_m
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
-from mjx_cutting.tracing.naming.decision import interval
+from mjx_cutting.tracing.naming.intervals import interval
 from mjx_cutting.tracing.passes import Pass, near_floor
 from mjx_cutting.tracing.records.course import along_path, felt_at
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS

@@ -19,7 +19,9 @@ from mjx_cutting.tracing.along.slow_try import FEWEST_REACHED
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.naming.decision import Interval, chance_over_trials, decide
+from mjx_cutting.tracing.naming.chance import chance_over_trials
+from mjx_cutting.tracing.naming.decision import decide
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.passes import Pass
 from mjx_cutting.tracing.records.course import Course, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s

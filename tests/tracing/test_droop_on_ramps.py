@@ -15,7 +15,8 @@ from mjx_cutting.tracing.along.slip import Slip
 from mjx_cutting.tracing.along.slow_round import SlowCandidate
 from mjx_cutting.tracing.droop_on_ramps import _Judged
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.decision import Decision, Interval
+from mjx_cutting.tracing.naming.decision import Decision
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.whole_records import Told
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo, Trial
 

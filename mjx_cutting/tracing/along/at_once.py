@@ -16,7 +16,7 @@ from mjx_cutting.tracing.along.layers import settled, together
 from mjx_cutting.tracing.along.shapes import error_change, solve
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.along.surety import intervals
-from mjx_cutting.tracing.naming.decision import Interval
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.records.course import Course
 
 _CLOSER = 0.9

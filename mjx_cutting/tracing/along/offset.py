@@ -25,7 +25,8 @@ from mjx_cutting.tracing.fitting.fit import Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import shared_bias
-from mjx_cutting.tracing.naming.decision import decide, interval
+from mjx_cutting.tracing.naming.decision import decide
+from mjx_cutting.tracing.naming.intervals import interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines

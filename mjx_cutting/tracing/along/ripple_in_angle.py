@@ -22,7 +22,8 @@ from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import held_out, on_other_lines
 from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
 from mjx_cutting.tracing.fitting.problem import pose, shared_bias
-from mjx_cutting.tracing.naming.decision import Interval, decide, interval
+from mjx_cutting.tracing.naming.decision import decide
+from mjx_cutting.tracing.naming.intervals import Interval, interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, compress

@@ -33,7 +33,9 @@ from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.along.vibration import FAR_ABOVE, RESOLVED, Vibration, vibration
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.naming.decision import Decision, Interval, gain_over_trials
+from mjx_cutting.tracing.naming.chance import gain_over_trials
+from mjx_cutting.tracing.naming.decision import Decision
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import SPREAD
 from mjx_cutting.trials.dataset import Dataset

@@ -26,7 +26,7 @@ from mjx_cutting.tracing.along.slow_try import (
     whole_force,
 )
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.decision import TOLERANCE
+from mjx_cutting.tracing.fitting.problem import TOLERANCE
 from mjx_cutting.tracing.records.course import Course
 
 MOST_SLOW = 6

@@ -28,7 +28,9 @@ from mjx_cutting.tracing.along.shapes import (
 from mjx_cutting.tracing.along.slow_round import SlowCandidate
 from mjx_cutting.tracing.along.surety import intervals, reach_of_the_model, unsure_force
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.decision import TOLERANCE, chance_over_trials, decide
+from mjx_cutting.tracing.fitting.problem import TOLERANCE
+from mjx_cutting.tracing.naming.chance import chance_over_trials
+from mjx_cutting.tracing.naming.decision import decide
 from mjx_cutting.tracing.records.course import Course
 
 FEWEST_REACHED = 3

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.kind import Kind, as_values
-from mjx_cutting.tracing.naming.decision import Interval, half_width, interval
+from mjx_cutting.tracing.naming.intervals import Interval, half_width, interval
 from mjx_cutting.tracing.records.course import Course
 
 _MOST_UNSURE = 2.0

@@ -26,7 +26,9 @@ from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.along.vibration import FAR_ABOVE, RESOLVED
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.naming.decision import Decision, Interval, gain_over_trials
+from mjx_cutting.tracing.naming.chance import gain_over_trials
+from mjx_cutting.tracing.naming.decision import Decision
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _FEWEST = 3

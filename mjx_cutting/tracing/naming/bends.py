@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance
-from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.naming.chance import CHANCE
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 

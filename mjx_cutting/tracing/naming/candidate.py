@@ -18,8 +18,10 @@ from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened
 from mjx_cutting.tracing.guards.asked import refusal
 from mjx_cutting.tracing.guards.gain import Gain
-from mjx_cutting.tracing.naming.decision import Decision, Interval, chance, decide, interval
+from mjx_cutting.tracing.naming.chance import chance
+from mjx_cutting.tracing.naming.decision import Decision, decide
 from mjx_cutting.tracing.naming.in_every_trial import in_every_trial
+from mjx_cutting.tracing.naming.intervals import Interval, interval
 from mjx_cutting.tracing.naming.one_bend import one_bend
 from mjx_cutting.tracing.naming.seen_in_air import seen_in_air
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, axes_of

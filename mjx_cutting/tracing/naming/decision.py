@@ -16,45 +16,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
 
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.problem import TOLERANCE
+from mjx_cutting.tracing.naming.chance import CHANCE, STANDARD_ERRORS, chance_over_trials, gain_over_trials
+from mjx_cutting.tracing.naming.intervals import Interval, quantile
 
-CHANCE = 0.01
 LEAST_GAIN = 0.02
-STANDARD_ERRORS = 2.0
-CONFIDENCE = 0.95
 _EDGE = 0.01
 _BENEATH = 0.1
-_UNMOVED = 1e-6
-_NIL = 1e-9
-_MOST_WIDENED = 3.0
-_WIDEST = 50.0
 _RISES = 0.25
 _MOST_TRIALS = 0.75
 _SHARP = 2.0
 _FEW_TRIALS = 5
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A parameter with its interval, in `unit`; of several values (teeth, axes) the surest, all in `values`
-    with `half`, half the width of each interval."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
-    values: tuple[float, ...] = ()
-    half: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,196 +56,6 @@ class Decision:
     scattered: bool = False
     unsure: bool = False
     guarded: bool = False
-
-
-def chance(drop: float, added: int, spread: float, floor: float, freedom: int, tries: int) -> float:
-    """Probability that the best of `tries` useless candidates lowers the squared error by `drop`.
-
-    Arguments:
-        drop: fall of the sum of squared weighted residuals.
-        added: unknowns the candidate adds.
-        spread: residual standard deviation per degree of freedom with the candidate in.
-        floor: least standard deviation believed, from the tolerated model error.
-        freedom: degrees of freedom left.
-        tries: candidates times starts.
-    """
-    variance = max(spread, floor) ** 2
-    statistic = max(drop, 0.0) / max(added, 1) / max(variance, 1e-300)
-    return float(min(1.0, tries * stats.f.sf(statistic, max(added, 1), max(freedom, 1))))
-
-
-def gain_over_trials(before: HeldOut, after: HeldOut) -> tuple[float, float]:
-    """Fall of the heldout NRMSE and its standard error, by a jackknife over trials."""
-    gain = before.nrmse - after.nrmse
-    count = len(before.energy_n2)
-    if count < 3:
-        return gain, float("nan")
-    total = before.energy_n2.sum()
-    parts = []
-    for trial in range(count):
-        rest = total - before.energy_n2[trial].sum()
-        old = np.sqrt((before.error_n2.sum() - before.error_n2[trial].sum()) / rest)
-        new = np.sqrt((after.error_n2.sum() - after.error_n2[trial].sum()) / rest)
-        parts.append(old - new)
-    spread = np.sqrt((count - 1) / count * np.sum((np.asarray(parts) - np.mean(parts)) ** 2))
-    return gain, float(spread)
-
-
-def interval(
-    kind: type[AbstractEffect],
-    name: str,
-    whole: Any,
-    by_fold: Any,
-    laplace: float = 0.0,
-    model_error: Any = 0.0,
-    scale: NDArray[np.floating] | None = None,
-    on_grid: bool = False,
-) -> Interval:
-    """Value from all trials; half-width from the fits of the folds (delete-group jackknife), or Laplace if
-    wider, and beside it what the model's own error may do.
-
-    Arguments:
-        whole: [] or [N] value fitted on all trials.
-        by_fold: [F] or [F, N] values of the folds.
-        laplace: standard error by curvature.
-        model_error: [] or [N] distance that the tolerated model error may move each value.
-        scale: [N, N] of a strength: times it, the strength is in multiples of the tolerated model error, with
-            the effect's other parameters held. By it is judged whether the value of no effect can be reached,
-            since there they lose their meaning; default, by the surest value and its `model_error`.
-        on_grid: whether the values were chosen from a grid.
-
-    A model's error that may be several times the value undoes it; a smaller one only widens the interval.
-
-    An angle or a shape that no fold moved at all is not a finding, unless it was chosen from a grid or is a
-    whole number: its interval is all of its physical range. So is that of an angle that may be any.
-    """
-    unit = kind.parameters[name].unit
-    value = np.atleast_1d(np.asarray(whole, dtype=float))
-    values = np.asarray(by_fold, dtype=float).reshape(len(by_fold), -1)
-    folds = len(values)
-    if unit == "rad" and not kind.parameters[name].per_tooth:
-        values = value + np.angle(np.exp(1j * (values - value)))
-    spread = _jackknife(values)
-    error = np.maximum(spread, laplace)
-    # the surest entry; what the trials do not move (held at a bound, say), or what is nil beside the others
-    # (force along x in a drill), says nothing, unless nothing moves
-    moved = (spread > _UNMOVED * np.abs(value)) & (np.abs(value) > _NIL * np.abs(value).max())
-    sure = np.where(moved, np.abs(value) / np.where(moved, error, 1.0), -1.0)
-    tooth = int(np.argmax(sure if moved.any() else np.abs(value)))
-    quantile = _quantile(folds)
-    half = quantile * error + np.ravel(model_error)
-    most, wide = float(value[tooth]), float(half[tooth])
-    chosen = on_grid or kind.parameters[name].whole
-    declared = kind.parameters[name]
-    anywhere = unit == "rad" and declared.high - declared.low >= 2.0 * np.pi and wide >= np.pi
-    if declared.identity is None and (anywhere or (not half.any() and not chosen)):
-        return Interval(most, declared.low, declared.high, unit)
-    origin = kind.parameters[name].identity or 0.0
-    if scale is None:
-        away = abs(most - origin)
-        proven = quantile * float(error[tooth]) < away and wide <= _MOST_WIDENED * away
-    else:
-        counted = moved if moved.any() else ~moved
-        proven = _proven((value - origin)[counted], (values - origin)[:, counted], scale[:, counted])
-    ends = _ends(most, wide, kind.parameters[name], proven)
-    several = (tuple(value.tolist()), tuple(half.tolist())) if len(value) > 1 else ((), ())
-    return Interval(most, *ends, unit, *several)
-
-
-def half_width(by_fold: Array) -> Array:
-    """[...] half-width of the interval of what was fitted without each fold, `by_fold` [F, ...]."""
-    return _quantile(len(by_fold)) * _jackknife(by_fold)
-
-
-def _quantile(folds: int) -> float:
-    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(folds - 1, 1)))
-
-
-def _jackknife(values: Array) -> Array:
-    """[...] standard error of what was fitted without each fold, `values` [F, ...]."""
-    folds = len(values)
-    return np.asarray(np.sqrt((folds - 1) / folds * np.sum((values - values.mean(axis=0)) ** 2, axis=0)))
-
-
-def _proven(away: Array, by_fold: Array, scale: NDArray[np.floating]) -> bool:
-    """Whether a strength is more than the trials' scatter and not less than a third of what the model's own
-    error may make of it.
-
-    Arguments:
-        away: [N] strength less the value of no effect; by_fold: [F, N] of the folds.
-        scale: [M, N] into multiples of the model's error. There all values are known equally well, so that
-            what the trials hardly show (how wide a gap is beyond the sensor's band) does not drown the rest.
-
-    Of several values either one must stand out by more than the best of N does by chance, or all together.
-    """
-    tail, freedom = 0.5 * (1.0 - CONFIDENCE), max(len(by_fold) - 1, 1)
-    seen, folds = scale @ away, by_fold @ scale.T
-    size, limit = float(np.linalg.norm(seen)), float(stats.t.isf(tail, freedom))
-    one = np.abs(away) > stats.t.isf(tail / len(away), freedom) * _jackknife(by_fold)
-    together = size > limit * np.linalg.norm(_jackknife(folds))
-    along = limit * float(_jackknife(folds @ seen)) / max(size, 1e-300)
-    return bool((one.any() or together) and along + 1.0 <= _MOST_WIDENED * size)
-
-
-def _ends(value: float, wide: float, declared: Parameter, proven: bool) -> tuple[float, float]:
-    """Ends of an interval of half-width `wide`.
-
-    A model's error changes the size of an effect that the trials have `proven`; it does not undo it. So
-    where the width would reach the value of no effect all the same, it is laid on a logarithmic scale from
-    there, within the physical range. What is fitted on a logarithmic scale is told on one, of a value with
-    one of no effect only where the width would reach below zero.
-    """
-    origin = 0.0 if declared.log and declared.identity is None else declared.identity
-    if origin is None or value == origin:
-        return value - wide, value + wide
-    away = value - origin
-    if declared.log and proven and wide >= value > 0.0:
-        away, origin = value, 0.0
-    elif declared.identity is not None and (wide < abs(away) or not proven):
-        return value - wide, value + wide
-    share = min(wide / abs(away), _WIDEST)
-    low, high = sorted(origin + away * np.exp(sign * share) for sign in (-1.0, 1.0))
-    return float(max(low, min(declared.low, value))), float(min(high, max(declared.high, value)))
-
-
-def chance_over_trials(
-    before: HeldOut, after: HeldOut, tries: int, added_n2: NDArray[np.floating] | None = None
-) -> float:
-    """Probability that the best of `tries` useless candidates gains as much on held-out trials, the trials
-    being independent; `added_n2` [R] is the energy of what it adds to each, N^2, where it has no phase of its
-    own there.
-
-    A useless one gains neither over all trials nor, trial by trial, in energy, nor in shares of what each
-    leaves, nor in more of them than it loses in, nor does what it adds go with what was left. The surest of
-    these four or five (t, t, t, signed ranks, t) counts, as one of as many tries. Where a few trials hold
-    most of the force, or of the error, all of them say little of what shows in every one; a hum is the same
-    energy in each, whatever else they leave; the shares say little of a place that few trials reach; where
-    they differ widely among trials that all gain, a mean and its scatter say less than the ranks; of what
-    noise hides in some of a few trials, the correlation of what is added with what was left says most.
-    """
-    gain, error = gain_over_trials(before, after)
-    if not np.isfinite(error):
-        return 1.0
-    old, new = before.error_n2.sum(axis=1), after.error_n2.sum(axis=1)
-    share = (old - new) / np.maximum(old + new, 1e-300)
-    count = len(share)
-    ways = [gain / max(error, 1e-300), surely(old - new), surely(share)]
-    if added_n2 is not None:
-        size = np.sqrt(np.maximum(old * added_n2, 0.0))
-        ways.append(surely((old - new + added_n2) / np.maximum(2.0 * size, 1e-100)))
-    sure = max(ways)
-    by_mean = float(stats.t.sf(sure, count - 1))
-    moved = share[share != 0.0]  # without nil, ranks are exact and quick
-    by_rank = float(stats.wilcoxon(moved, alternative="greater").pvalue) if len(moved) else 1.0
-    return min((len(ways) + 1) * tries * min(by_mean, by_rank), 1.0)
-
-
-def surely(gains: Array) -> float:
-    """Mean of one gain a trial, [R], over its standard error; of two trials or fewer just its sign."""
-    if len(gains) < 3:
-        return float(np.sign(gains.mean())) * np.inf if gains.any() else 0.0
-    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    return float(gains.mean()) / max(error, 1e-300)
 
 
 def decide(
@@ -338,7 +126,7 @@ def decide(
 def _errors_asked(trials: int) -> float:
     """By how many standard errors over so many trials a gain must be more than none: of three or four they
     are known too badly themselves."""
-    return STANDARD_ERRORS if trials >= _FEW_TRIALS else _quantile(trials)
+    return STANDARD_ERRORS if trials >= _FEW_TRIALS else quantile(trials)
 
 
 def _paid_by(before: HeldOut, after: HeldOut, tolerance: float) -> int | None:

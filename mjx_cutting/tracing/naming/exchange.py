@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, try_effect
-from mjx_cutting.tracing.naming.decision import STANDARD_ERRORS, gain_over_trials
+from mjx_cutting.tracing.naming.chance import STANDARD_ERRORS, gain_over_trials
 from mjx_cutting.tracing.naming.finer import finer
 from mjx_cutting.tracing.records.lines import Lines
 

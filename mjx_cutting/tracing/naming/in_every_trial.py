@@ -23,7 +23,7 @@ from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.heldout import HeldOut, by_trial
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.naming.decision import CHANCE, surely
+from mjx_cutting.tracing.naming.chance import CHANCE, surely
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 

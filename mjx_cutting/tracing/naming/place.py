@@ -13,7 +13,7 @@ from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects, Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, beyond_chance, fitted, judged
-from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.naming.chance import CHANCE
 
 _STEPS = 10
 _WORTH_IT = 0.9

@@ -23,9 +23,9 @@ from mjx_cutting.tracing.fitting.screening import Screened, screen
 from mjx_cutting.tracing.fitting.tooth_path import on_other_path, on_true_path
 from mjx_cutting.tracing.naming.bends import fewest
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, fitted, parameters, try_effect
-from mjx_cutting.tracing.naming.decision import Interval
 from mjx_cutting.tracing.naming.exchange import reconsider
 from mjx_cutting.tracing.naming.finer import finer
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.naming.onset import with_onset
 from mjx_cutting.tracing.naming.together import two_at_once
 from mjx_cutting.tracing.records.lines import Lines

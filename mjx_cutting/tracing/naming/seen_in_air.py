@@ -14,7 +14,7 @@ import numpy as np
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fitting.fit import Fit
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.naming.decision import CHANCE, chance
+from mjx_cutting.tracing.naming.chance import CHANCE, chance
 
 _LEFT = 0.1
 

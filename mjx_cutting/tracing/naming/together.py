@@ -26,7 +26,7 @@ from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyond_chance, try_effect
-from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.naming.chance import CHANCE
 from mjx_cutting.tracing.naming.finer import finer
 
 _STEPS = (2, 6)

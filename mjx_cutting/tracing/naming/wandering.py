@@ -21,7 +21,7 @@ from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.fitting.problem import Problem
-from mjx_cutting.tracing.naming.decision import CHANCE
+from mjx_cutting.tracing.naming.chance import CHANCE
 
 _TERMS = 5
 Array = NDArray[np.floating]

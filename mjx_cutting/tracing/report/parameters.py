@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting._report.quantities import interval, joined
-from mjx_cutting.tracing.naming.decision import half_width
+from mjx_cutting.tracing.naming.intervals import half_width
 from mjx_cutting.tracing.told import Tracing
 
 _CONSTANTS = (

@@ -23,7 +23,7 @@ from scipy import stats
 from scipy.linalg import pinvh
 
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
-from mjx_cutting.tracing.naming.decision import TOLERANCE
+from mjx_cutting.tracing.fitting.problem import TOLERANCE
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import basis, order_of_columns

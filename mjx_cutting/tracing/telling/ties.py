@@ -11,7 +11,7 @@ from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.problem import TOLERANCE, Problem, shared_bias
 from mjx_cutting.tracing.naming.bends import follows_any
 from mjx_cutting.tracing.naming.candidate import Candidate, Round
-from mjx_cutting.tracing.naming.decision import surely
+from mjx_cutting.tracing.naming.chance import surely
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines

@@ -20,7 +20,7 @@ from mjx_cutting.cutting.effects.unnamed_gain import CONDITIONS, KNOTS, UnnamedG
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.naming.candidate import fitted
-from mjx_cutting.tracing.naming.decision import STANDARD_ERRORS, gain_over_trials
+from mjx_cutting.tracing.naming.chance import STANDARD_ERRORS, gain_over_trials
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.telling.dependence import Dependence

@@ -15,7 +15,7 @@ from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.candidate import Round
-from mjx_cutting.tracing.naming.decision import Interval
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.course import feeds_differ
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS

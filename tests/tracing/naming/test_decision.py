@@ -21,15 +21,9 @@ from mjx_cutting.cutting.effects import (
     UnequalPitch,
 )
 from mjx_cutting.tracing.fitting.heldout import HeldOut
-from mjx_cutting.tracing.naming.decision import (
-    CHANCE,
-    Interval,
-    chance,
-    chance_over_trials,
-    decide,
-    gain_over_trials,
-    interval,
-)
+from mjx_cutting.tracing.naming.chance import CHANCE, chance, chance_over_trials, gain_over_trials
+from mjx_cutting.tracing.naming.decision import decide
+from mjx_cutting.tracing.naming.intervals import Interval, interval
 
 
 def _heldout(error: list[float]) -> HeldOut:

@@ -17,7 +17,8 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.fitting.problem import TOLERANCE
 from mjx_cutting.tracing.naming.candidate import Candidate, Round
-from mjx_cutting.tracing.naming.decision import Decision, Interval
+from mjx_cutting.tracing.naming.decision import Decision
+from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.tracing.records.noise import noise_floor
