@@ -15,7 +15,7 @@ from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.every_pass import every_pass
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
-from mjx_cutting.tracing.passes import Pass, missing, without_names
+from mjx_cutting.tracing.passes import Pass, missing, near_floor, without_names
 from mjx_cutting.tracing.records.followed_angle import as_followed
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels, zeros_known
 from mjx_cutting.tracing.records.lines import trusted_band
@@ -40,6 +40,7 @@ from mjx_cutting.trials.spikes import without_spikes
 
 _CLEARER = 0.5
 _OPEN = ("unexplained", "partly explained")
+_CLOSED = 2
 
 
 def trace(
@@ -90,13 +91,13 @@ def _with_every_trial_or_one_less(
         tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
         tried += [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
         one = spoiled(found.dataset, found.final, tried, found.floor_nrmse)
-        if one is None or found.verdict["verdict"] not in _OPEN:
+        if one is None or _settled(found) == _CLOSED:
             return found
         progress(f"once more, without {one.file}")
         return _trace(without(dataset, one), said, band_hz, effects, seed, progress)
 
     fewer = less_one()
-    if fewer.verdict["verdict"] not in _OPEN:
+    if _settled(fewer) == _CLOSED:
         return fewer
     if (reading := found.reading or _reading(found)) is not None:
         progress(f"once more, the columns of force read as {list(reading.axes)}")
@@ -106,9 +107,17 @@ def _with_every_trial_or_one_less(
         if missing(again) < most_left(said, reading, explained) * missing(found):
             dataset, found = otherwise, again
             fewer = less_one()
+    further = _settled(fewer) > _settled(found)
+    return fewer if further or fewer.final.nrmse < _CLEARER * found.final.nrmse else found
+
+
+def _settled(found: Tracing) -> int:
+    """How far a tracing has come: 0 unexplained, 1 in part, `_CLOSED` where nothing more is to be looked for.
+    A name that is ambiguous closes nothing while much is left."""
     word = found.verdict["verdict"]
-    settled = word in _OPEN and fewer.verdict["verdict"] not in _OPEN[: _OPEN.index(word) + 1]
-    return fewer if settled or fewer.final.nrmse < _CLEARER * found.final.nrmse else found
+    if word in _OPEN:
+        return _OPEN.index(word)
+    return 1 if word == "ambiguous" and not near_floor(found) else _CLOSED
 
 
 def _reading(found: Tracing) -> Reading | None:

@@ -13,6 +13,7 @@ from benchmarks.study.generator import recorded
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.spoiled import spoiled
+from mjx_cutting.tracing.trace import _settled
 from mjx_cutting.trials.dataset import Dataset
 from mjx_cutting.trials.synthetic import Hidden
 
@@ -146,3 +147,21 @@ def test_one_trial_that_what_explains_the_others_makes_worse_is_told(mill, share
     assert (found is not None) is opposed
     if opposed:
         assert found.file == cuts[3].file and "where on the path its record begins" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("word", "left", "how_far"),
+    [
+        ("unexplained", 0.2, 0), ("partly explained", 0.2, 1), ("ambiguous", 0.2, 1), ("ambiguous", 0.02, 2),
+        ("explained", 0.02, 2),
+    ],
+)  # fmt: skip
+def test_an_ambiguous_name_settles_matters_only_where_little_is_left(word, left, how_far):
+    problem = SimpleNamespace(tolerance=0.003)
+    found = SimpleNamespace(
+        verdict={"verdict": word},
+        final=SimpleNamespace(nrmse=left),
+        floor_nrmse=0.02,
+        search=SimpleNamespace(problem=problem),
+    )
+    assert _settled(found) == how_far

@@ -34,9 +34,10 @@ from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.decision import decide
 from mjx_cutting.tracing.naming.intervals import interval
 from mjx_cutting.tracing.naming.search import Search
+from mjx_cutting.tracing.records.comb import SPREAD
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, compress
-from mjx_cutting.tracing.records.spindle import SPREAD, measured_speed, stated_speed
+from mjx_cutting.tracing.records.spindle import measured_speed, stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 NAME = "spindle_droop"

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.records.comb import SPREAD
 from mjx_cutting.tracing.records.lines import basis, order_of_columns
-from mjx_cutting.tracing.records.spindle import SPREAD
 from mjx_cutting.trials.dataset import Dataset
 
 _LEAST_SHARE = 0.03

@@ -167,20 +167,22 @@ def _mains_of_the_spindle(courses: Sequence[Course], effect: AbstractEffect) -> 
 
 
 def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
-    """Whether a few trials or more by themselves show a line of the mains as large as all together do."""
+    """Whether a few trials or more, or both of two, show a line of the mains as large as all together do."""
     line_hz, whole = (np.asarray(effect.values()[name]) for name in ("frequency_hz", "amplitude_n"))
     shares = []
     for course in courses:
         wave = np.exp(-2j * np.pi * line_hz * course.time_s)
         own = 2.0 / len(wave) * np.abs(wave @ (course.left_n - course.left_n.mean(axis=0)))
         shares.append(float(own @ whole / max(float(whole @ whole), 1e-300)))
-    return len(shares) >= _FEWEST_APART and abs(float(np.median(shares)) - 1.0) < _AS_LARGE
+    if len(shares) < 2:
+        return False
+    told = np.median(shares) if len(shares) > 2 else shares
+    return bool(np.all(np.abs(told - np.ones(1)) < _AS_LARGE))
 
 
 _HARMONICS = (1, 2, 3, 5, 7)
 _MAINS_STRAY_HZ = 0.06
 _RESOLVED = 1.5
-_FEWEST_APART = 3
 _AS_LARGE = 0.25
 BY_PLACE = ("material_periodicity", "layered_material", "hysteresis")
 """Slow effects bound to the way, of the sheet or of the drive."""

@@ -16,9 +16,10 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
 from mjx_cutting.tracing.fitting.problem import pose
+from mjx_cutting.tracing.records.comb import SPREAD
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, compress
-from mjx_cutting.tracing.records.spindle import SPREAD, stated_speed
+from mjx_cutting.tracing.records.spindle import stated_speed
 from mjx_cutting.trials.dataset import Dataset
 
 _CLEARLY_LESS = 0.8

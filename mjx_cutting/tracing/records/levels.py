@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.steady import IN_CUT, sizes, steady
+from mjx_cutting.tracing.records.surface import surfaces_m
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 from mjx_cutting.trials.in_air import less_the_air
 
@@ -30,7 +31,6 @@ _SHORTER = 0.8
 _FEWEST_ALIKE = 3
 _ONE_SHARE = 0.05
 _UNLIKE_AIR = 0.15
-PLACES_APART_M = 1e-4
 _MAIN = 1.2
 _FEWEST_TOLD = 4
 _OFF = 0.02
@@ -69,7 +69,7 @@ def as_levels(dataset: Dataset) -> Dataset:
         trials = _at_zero(trials, airs)
         trials = [trial for trial in trials if trial.file not in {each.file for each in unknown}]
         known = trials
-    begins = _begins_m(known)
+    begins = surfaces_m(known, _FEWEST_IN_AIR)
     cut = [
         _level(trial, steady(one.force_n), begins.get(trial.file, 0.0)) if trial.kind == "cut" else trial
         for trial, one in zip(trials, known, strict=True)
@@ -119,23 +119,13 @@ def _as_on_a_lathe(dataset: Dataset, mean_n: Array) -> Dataset:
     )
 
 
-def _begins_m(trials: list[Trial]) -> dict[str, float]:
-    """By file, how far along its path each cut has come when it touches, where that was not measured, shows
-    in all of them, and differs: what the work is like at a place counts from its surface."""
-    found = {}
-    for trial in (trial for trial in trials if trial.kind == "cut"):
-        size, usual = sizes(trial.force_n)
-        first = int(np.argmax(size > IN_CUT * usual))
-        if first < _FEWEST_IN_AIR or trial.position_m is not None:
-            return {}
-        found[trial.file] = float(along_path(trial)[first])
-    return found if np.ptp(list(found.values()) or [0.0]) > PLACES_APART_M else {}
-
-
 def _level(trial: Trial, steady_part: slice, begins_m: float) -> Trial:
     """The steady part of a trial, at what was fed over it on the mean where that was measured; its place
     counts from where along the path the work begins."""
-    level = part_of(trial, along_path(trial) - begins_m, steady_part)
+    place = along_path(trial) - begins_m
+    if begins_m:
+        trial = replace(trial, position_m=np.column_stack([place, np.zeros((len(place), 2))]))
+    level = part_of(trial, place, steady_part)
     measured = level.feed_speed_measured_m_s
     fed = 0.0 if measured is None else float(np.mean(measured))
     return replace(level, feed_speed_m_s=fed) if fed > 0.0 else level

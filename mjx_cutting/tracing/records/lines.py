@@ -19,13 +19,8 @@ from scipy.linalg import solve_triangular
 
 from mjx_cutting.tracing.records.followed import followed_orders, without_far_orders
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.spindle import (
-    measured_speed,
-    spindle_angle,
-    spindle_speed,
-    spindle_speeds,
-    stated_speed,
-)
+from mjx_cutting.tracing.records.motor import spindle_speeds
+from mjx_cutting.tracing.records.spindle import measured_speed, spindle_angle, spindle_speed, stated_speed
 from mjx_cutting.tracing.records.turns import filtered_turns, reach, real_columns, turns
 from mjx_cutting.trials.dataset import Dataset, Sensor, Trial
 

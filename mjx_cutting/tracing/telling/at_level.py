@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mjx_cutting.tracing.records.course import along_path
-from mjx_cutting.tracing.records.levels import LEVEL_KINDS, PLACES_APART_M
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.records.surface import PLACES_APART_M
 from mjx_cutting.trials.dataset import Dataset
 
 _SAMPLES = 1.5

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.records.spindle import SPREAD
+from mjx_cutting.tracing.records.comb import SPREAD
 
 MOST_ORDERS = 8
 _FINER = 8

@@ -95,6 +95,21 @@ def test_two_trials_are_enough_where_others_at_that_speed_are_quiet():
     assert find_vibration(*_session(two)) is None
 
 
+@pytest.mark.parametrize("own_hz", [0.2, 0.0])
+def test_of_two_trials_at_two_speeds_one_has_a_quiet_one_beside_it(own_hz):
+    """A gear stands at one part of a turn in both, the mains are in the quiet ones too: here the line may
+    stand at one frequency in both."""
+
+    def two(time, speed, trial):
+        own, tooth = 375.0 + own_hz * speed, TEETH * speed
+        turn = 2 * np.pi * time
+        return (trial > 3) * (4.0 * np.cos(turn * own + trial) + 2.0 * np.cos(turn * (own - tooth)))
+
+    found = find_vibration(*_session(two, speeds=(40.0, 40.3, 52.1, 66.2, 66.0, 73.4)))
+    assert found is not None and found.round.accepted is not None
+    assert "2 of 6" in found.evidence[0]
+
+
 def test_trials_that_are_off_by_more_do_not_hide_it():
     """Two trials whose force is off by far more say nothing for it or against."""
 

@@ -10,7 +10,6 @@ from scipy import signal, stats
 
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
-from mjx_cutting.tracing.along.surety import reach_of_the_model
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.records.course import Course, along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
@@ -151,33 +150,6 @@ def test_a_smooth_rise_along_the_path_is_not_called_a_layer():
 HUM = np.array([0.3, 0.2, 0.25])
 
 
-def _humming(speeds_rev_s, lag=(0.0, 1.0, -2.0)):
-    """The first round on six cuts, at speeds of the spindle, that all hold a line of 50.02 Hz."""
-    trials, _ = _trials(lambda s, i: 0.0 * s)
-    left = [
-        each.left_n + HUM * np.cos(2 * np.pi * 50.02 * each.time_s[:, None] + 1.7 * index + np.asarray(lag))
-        for index, each in enumerate(trials)
-    ]
-    made = tuple(
-        replace(each, left_n=one, angle_rad=2 * np.pi * speed * each.time_s)
-        for each, one, speed in zip(trials, left, speeds_rev_s, strict=True)
-    )
-    error = np.stack([np.sum(one**2, axis=0) for one in left])
-    before = HeldOut(error, 20.0 * error, None, np.arange(TRIALS))
-    # a model of the cut may be wrong by much without putting a line there
-    return search_slow(made, before, np.full(3, 1.0 / NOISE_N), tolerance=0.5)[0]
-
-
-def test_mains_is_named_whatever_phase_each_trial_starts_at():
-    lag = (0.0, 1.0, -2.0)
-    found = _humming([17.0, 17.0, 18.0, 18.0, 19.0, 19.0], lag).accepted
-    assert found is not None and found.kind.name == "mains_pickup"
-    values = found.effect.values()
-    np.testing.assert_allclose(values["amplitude_n"], HUM, atol=0.01)
-    np.testing.assert_allclose(np.diff(values["phase_rad"]), np.diff(lag), atol=0.1)
-    assert values["frequency_hz"] == pytest.approx(50.02, abs=0.02)
-
-
 def test_three_layers_and_two_lines_of_the_mains_are_all_found():
     def gain(s, i):
         return np.select([s < 0.004, s < 0.010, s < 0.013], [0.0, 0.45, -0.3], 0.2)
@@ -194,28 +166,6 @@ def test_three_layers_and_two_lines_of_the_mains_are_all_found():
     rounds = search_slow(made, before, np.full(3, 1.0 / NOISE_N))
     named = [each.accepted.kind.name for each in rounds if each.accepted is not None]
     assert sorted(named) == ["layered_material"] * 3 + ["mains_pickup"] * 2
-
-
-@pytest.mark.parametrize(
-    ("others_rev_s", "named"), [(4 * [25.0], False), (4 * [26.0], True), ([25.0, 26.0, 26.0, 26.0], True)]
-)
-def test_what_stands_at_a_multiple_of_the_spindle_is_not_laid_to_the_mains(others_rev_s, named):
-    """Unless it stays there, as large, while some of the trials turn at another speed."""
-    found = _humming([25.0, 25.0, *others_rev_s])
-    assert (found.accepted is not None) == named
-    if not named:
-        mains = next(each for each in found.candidates if each.kind.name == "mains_pickup")
-        assert "Hz is a multiple of the spindle's frequency in 6 of 6" in mains.decision.reasons[0]
-
-
-@pytest.mark.parametrize(("lines_hz", "reach"), [((50.0,), 1.0), ((25.0, 50.0), 0.5**0.5), ((80.0,), 0.0)])
-def test_a_model_may_be_wrong_at_the_mains_only_where_its_own_force_has_a_line_there(lines_hz, reach):
-    time, zero = np.arange(1000) / RATE_HZ, np.zeros((1000, 3))
-    wave = np.cos(2 * np.pi * np.outer(time, lines_hz)).sum(axis=1)[:, None] * np.array([1.0, -2.0, 0.5])
-    course = Course(time, 0.01 * time, None, wave, zero, zero, RATE_HZ, (0.0, 200.0))
-    (mains,) = (each for each in KINDS if each.name == "mains_pickup")
-    found = reach_of_the_model(mains, [course], np.array([50.0]))
-    assert found == pytest.approx(reach, abs=0.02)
 
 
 def test_what_a_model_may_be_off_anyway_is_not_named():

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.records.spindle import loaded_speeds, spindle_angle, spindle_speed, spindle_speeds
+from mjx_cutting.tracing.records.motor import loaded_speeds, spindle_speeds
+from mjx_cutting.tracing.records.spindle import spindle_angle, spindle_speed
 from mjx_cutting.trials.dataset import AntiAlias, ToolInfo, Trial
 
 
@@ -50,6 +51,16 @@ def test_a_slow_change_is_not_taken_for_a_folded_harmonic():
     layers = 4.0 * np.sign(np.sin(2 * np.pi * 0.4 * trial.time_s))
     layered = dataclasses.replace(trial, force_n=trial.force_n + layers[:, None])
     assert spindle_speed(layered, teeth=28, alias=None) == pytest.approx(18.0, abs=1e-3)
+
+
+def test_a_vibration_stronger_than_tooth_passing_is_not_taken_for_a_line_of_the_spindle():
+    """At 90.6 Hz and tooth passings beside it, which fit the speed no better than one line fits any."""
+    true = 19.93
+    trial = _tone(true, 1000.0, 2.0, order=3, noise=0.05)
+    turn = 2 * np.pi * trial.time_s
+    shaken = 3.0 * np.cos(turn * 90.6) + 2.0 * np.cos(turn * (90.6 + 3 * true) + 1.0)
+    trial = dataclasses.replace(trial, force_n=trial.force_n + shaken[:, None])
+    assert spindle_speed(trial, teeth=3, alias=None) == pytest.approx(true, abs=0.01)
 
 
 def test_a_measured_angle_is_believed():
