@@ -83,7 +83,7 @@ def verdict(
         "format": FORMAT,
         "verdict": _word(
             error,
-            least,
+            _CLEARLY_OF_LEVELS * least if dataset.tool.kind in LEVEL_KINDS else least,
             bool(named),
             bool(ambiguous),
             _shown(before, dataset, judged.before, judged.floor, least),
@@ -160,12 +160,13 @@ def has(dataset: Dataset, need: str) -> bool:
     return present.get(need, False)
 
 
-def _word(error: float, least: float, named: bool, tied: bool, shown: bool, left: list[Dependence]) -> str:
+def _word(error: float, most: float, named: bool, tied: bool, shown: bool, left: list[Dependence]) -> str:
+    """The verdict; `most` is the error up to which a model explains all, where nothing is left to be seen."""
     if not named:
         return "unexplained" if shown else "nothing missing"
     if tied:
         return "ambiguous"
-    return "partly explained" if error > least or left else "explained"
+    return "partly explained" if error > most or left else "explained"
 
 
 def _shown(before: Sequence[Dependence], dataset: Dataset, base: float, floor: float, least: float) -> bool:

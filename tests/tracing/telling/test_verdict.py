@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from benchmarks.study import make
+from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.telling import verdict as told
 from mjx_cutting.tracing.telling.dependence import Dependence
 
@@ -61,3 +65,14 @@ def test_scatter_alone_is_told_from_what_an_effect_may_explain(error, p_value, o
     lines = Dependence("spindle order", 1e-9, 0.1, 0.005, "runout")
     assert told.only_scatter(_base(0.03), [own], floor=0.008) is only
     assert told.only_scatter(_base(0.03), [own, lines], floor=0.008) is False
+
+
+@pytest.mark.parametrize(("share", "word"), [(0.006, "explained"), (0.03, "partly explained")])
+def test_levels_that_scatter_by_less_than_three_times_the_noise_leave_nothing(share, word):
+    """Each cut of a turning tool that wears is off by an offset of its own, of so much of the force."""
+    worn, draw = make("turning", {"flank_wear": "strong"}, 700).dataset, np.random.default_rng(1)
+    force = np.sqrt(np.mean([np.mean(trial.force_n**2) for trial in worn.trials if trial.kind == "cut"]))
+    off = [replace(each, force_n=each.force_n + share * force * draw.normal(size=3)) for each in worn.trials]
+    found = trace(replace(worn, trials=tuple(off)), effects=["flank_wear", "size_effect"])
+    assert [kind.name for kind in found.kinds] == ["flank_wear"] and found.verdict["verdict"] == word
+    assert found.final.nrmse > 1.5 * found.floor_nrmse
