@@ -40,6 +40,46 @@ def test_mean_load_is_the_mean_of_a_revolution(milling: str, effects: tuple[str,
     np.testing.assert_allclose(load.chip_torque + load.edge_torque, torque, rtol=5e-4)
 
 
+SAW = Tool("slitting_saw", 28, 0.063)
+RUN_OUT = effect_class("radial_runout")(14e-6, 0.6)
+BROKEN = effect_class("broken_tooth")(1.0, 5.0, 0.0)
+
+
+def _sawing(milling: str, feed_speed_m_s: float) -> Cut:
+    return Cut.milling(
+        milling,
+        0.063,
+        angle_rad=0.0,
+        spindle_speed_rev_s=6.0,
+        feed_speed_m_s=feed_speed_m_s,
+        radial_depth_m=0.0012,
+        axial_width_m=0.0016,
+    )
+
+
+@pytest.mark.parametrize("milling", ["conventional", "climb"])
+@pytest.mark.parametrize("feed_speed_m_s", [0.0013, 0.003, 0.01])
+@pytest.mark.parametrize("effect", [RUN_OUT, BROKEN], ids=["runout", "broken tooth"])
+def test_teeth_that_do_not_reach_the_sheet_are_no_part_of_the_load(milling, feed_speed_m_s, effect):
+    """At the lowest feed runout keeps nearly half of the teeth idle, of which no edge rubs."""
+    model, cut = ForceModel(SAW, MATERIAL, (effect,)), _sawing(milling, feed_speed_m_s)
+    load, alike = (mean_load(each, cut) for each in (model, ForceModel(SAW, MATERIAL)))
+    np.testing.assert_allclose(load.force, wave_of(model, cut, 7200).mean(axis=0), rtol=0.01, atol=0.02)
+    assert load.edge_torque < 0.99 * alike.edge_torque
+    np.testing.assert_allclose(load.chip_torque, alike.chip_torque, rtol=0.01)
+
+
+def test_each_of_several_cuts_has_its_own_load():
+    model = ForceModel(SAW, MATERIAL, (RUN_OUT,))
+    feeds = (0.0013, 0.003, 0.01)
+    several = _sawing("conventional", feeds[0]).replace(feed_speed_m_s=np.array(feeds))
+    found = mean_load(model, several)
+    for index, feed in enumerate(feeds):
+        alone = mean_load(model, _sawing("conventional", feed))
+        np.testing.assert_allclose(found.force[index], alone.force, rtol=1e-9)
+        np.testing.assert_allclose(found.edge_torque[index], alone.edge_torque, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("kind", "teeth"), [("drill", 2), ("turning", 1)])
 def test_mean_load_of_other_tools(kind: str, teeth: int):
     model = ForceModel(Tool(kind, teeth, 0.01), MATERIAL)
