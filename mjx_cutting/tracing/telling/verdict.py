@@ -78,12 +78,13 @@ def verdict(
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     error = less_scatter(judged.after, after)
-    left = _left(after, error, judged.floor, least)
+    most = _CLEARLY_OF_LEVELS * least if dataset.tool.kind in LEVEL_KINDS else least
+    left = _left(after, error, judged.floor, least, most)
     return {
         "format": FORMAT,
         "verdict": _word(
             error,
-            _CLEARLY_OF_LEVELS * least if dataset.tool.kind in LEVEL_KINDS else least,
+            most,
             bool(named),
             bool(ambiguous),
             _shown(before, dataset, judged.before, judged.floor, least),
@@ -188,12 +189,16 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, base: float, floor: f
     return error > clearly * least or (error > least and bool(shown)) or follows
 
 
-def _left(after: Sequence[Dependence], error: float, floor: float, least: float) -> list[Dependence]:
-    """What the residual of the final model depends on; where its `error` is no more than noise leaves, the
-    noise's own colour does not count, nor what would make it no more than that."""
+def _left(
+    after: Sequence[Dependence], error: float, floor: float, least: float, most: float
+) -> list[Dependence]:
+    """What the residual of the final model depends on; where its `error` is no more than noise leaves at
+    `most`, the noise's own colour does not count, nor what would make it no more than `least`."""
     found = (each for each in after if each.found and not _of_the_trial(each))
-    small = (each for each in found if error > least or not _colour(each, least))
-    return [each for each in small if error > least or not _no_more_than_noise(each, floor, least)]
+    if error > most:
+        return list(found)
+    shown = (each for each in found if not _colour(each, least))
+    return [each for each in shown if not _no_more_than_noise(each, floor, least)]
 
 
 def less_scatter(error: float, depends: Sequence[Dependence]) -> float:

@@ -35,15 +35,19 @@ def test_what_noise_would_hide_is_nothing_missing(of_force, missing):
     """A noise of .02 and .009 beside it leave .022, which counts as noise alone."""
     lines = Dependence("spindle order", 1e-9, 0.04, of_force, "runout")
     assert told._shown([lines], MILL, 0.03, floor=0.02, least=0.022) is missing
-    assert told._left([lines], error=0.021, floor=0.02, least=0.022) == ([lines] if missing else [])
-    assert told._left([lines], error=0.023, floor=0.02, least=0.022) == [lines]
+    assert told._left([lines], error=0.021, floor=0.02, least=0.022, most=0.022) == (
+        [lines] if missing else []
+    )
+    assert told._left([lines], error=0.023, floor=0.02, least=0.022, most=0.022) == [lines]
 
 
 def test_the_colour_of_noise_is_nothing_left_of_a_model_that_leaves_no_more():
     memory = Dependence("previous force", 1e-9, 0.27, 0.006, "memory")
     feed = Dependence("feed", 1e-9, 0.12, 0.006, "edge law")
-    assert told._left([memory, feed], error=0.010, floor=0.010, least=0.011) == [feed]
-    assert told._left([memory, feed], error=0.020, floor=0.010, least=0.011) == [memory, feed]
+    assert told._left([memory, feed], error=0.010, floor=0.010, least=0.011, most=0.011) == [feed]
+    assert told._left([memory, feed], error=0.020, floor=0.010, least=0.011, most=0.011) == [memory, feed]
+    # levels scatter beyond the noise
+    assert told._left([memory, feed], error=0.020, floor=0.010, least=0.011, most=0.033) == [feed]
 
 
 @pytest.mark.parametrize(("factor", "word"), [(0.015, "explained"), (0.04, "partly explained")])
