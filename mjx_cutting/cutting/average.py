@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(10)
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_BORDERS = np.concatenate([[-1.0], -1.0 + np.cumsum(_WEIGHTS)])
-_CELLS = 0.5 * np.stack([_NODES - _BORDERS[:-1], _BORDERS[1:] - _NODES], axis=-1)
+_BORDERS = np.concatenate([[-1.0], -1.0 + np.cumsum(_WEIGHT)])
+_CELLS = 0.5 * np.stack([_NODE - _BORDERS[:-1], _BORDERS[1:] - _NODE], axis=-1)
 
 
 class MeanLoad(NamedTuple):
@@ -37,10 +36,10 @@ class MeanLoad(NamedTuple):
     edge_torque: Array
 
 
-def mean_load(model: ForceModel, cut: Cut) -> MeanLoad:
-    """Mean force and torque under these conditions; `cut.angle_rad` does not matter."""
-    unlike = any(effect.unlike for effect in model.effects)
-    if model.tool.kind in ("drill", "turning") or (model.cutter().even and not unlike):
+def mean_load(model: ForceModel, cut: Cut, as_alike: bool = False) -> MeanLoad:
+    """Mean force and torque under these conditions; `cut.angle_rad` does not matter. `as_alike`: as if every
+    tooth did what the others do, which costs little."""
+    if as_alike or teeth_alike(model):
         return _of_chip(model, cut, _sample(model, cut))
     batch = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(cut)))
     if not batch:
@@ -50,15 +49,22 @@ def mean_load(model: ForceModel, cut: Cut) -> MeanLoad:
     return jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), each)
 
 
+def teeth_alike(model: ForceModel) -> bool:
+    """Whether one tooth stands for all in the mean."""
+    if model.tool.kind in ("drill", "turning"):
+        return True
+    return model.cutter().even and not any(effect.unlike for effect in model.effects)
+
+
 def _of_teeth(model: ForceModel, cut: Cut) -> MeanLoad:
     """The mean of teeth that are not alike, under scalar conditions."""
     cutter = model.cutter()._replace(slices=1, helix_rad=jnp.zeros(()))
     entry, leave = swept(cutter, cut, model.tool)
     arc = leave - entry
-    chip = chip_in_arc(cutter, cut, model.tool, entry + arc * (0.5 + 0.5 * _NODES), arc * _CELLS)
+    chip = chip_in_arc(cutter, cut, model.tool, entry + arc * (0.5 + 0.5 * _NODE), arc * _CELLS)
     for effect in model.effects:
         chip = effect.chip(chip, cut, model) if effect.unlike else chip
-    share = (arc / (4.0 * jnp.pi) * _WEIGHTS)[:, None, None]
+    share = (arc / (4.0 * jnp.pi) * _WEIGHT)[:, None, None]
     load = _of_chip(model, cut, chip._replace(contact=share * chip.contact))
     return jax.tree.map(lambda leaf: jnp.sum(leaf, axis=0), load)
 

@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.average import mean_load
+from mjx_cutting.cutting.average import mean_load, teeth_alike
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 _NEWTON = 6
+_TIMES = 2
 _FULL = 1e-4
 
 
@@ -74,17 +75,24 @@ class StaticCompliance(AbstractEffect):
                 radial_depth_m=radius * (1.0 - jnp.cos(swept)),
             )
 
-        def excess(swept: Array) -> Array:
-            push = away * mean_load(model, with_arc(swept)).force[..., 1]
-            return radius * (1.0 - jnp.cos(swept)) - commanded - self.compliance_m_n * push
+        def push(swept: Array, as_alike: bool) -> Array:
+            return away * mean_load(model, with_arc(swept), as_alike).force[..., 1]
 
-        swept = jnp.clip(full, 1e-6, jnp.pi - _FULL)
-        for _ in range(_NEWTON):
-            over, slope = jax.jvp(excess, (swept,), (jnp.ones_like(swept),))
-            step = over / jnp.maximum(slope, 1e-12)
-            swept = jnp.clip(swept - step, 0.2 * swept, jnp.pi - _FULL)
+        def excess(swept: Array, pushed: Array) -> Array:
+            return radius * (1.0 - jnp.cos(swept)) - commanded - self.compliance_m_n * pushed
+
+        swept, alike = jnp.clip(full, 1e-6, jnp.pi - _FULL), teeth_alike(model)
+        for _ in range(1 if alike else _TIMES):
+            # what idle teeth do not push changes little with the depth, and costs much to calculate
+            less = 0.0 if alike else push(swept, False) - push(swept, True)
+            for _ in range(_NEWTON):
+                over, slope = jax.jvp(
+                    lambda at, less=less: excess(at, push(at, True) + less), (swept,), (jnp.ones_like(swept),)
+                )
+                step = over / jnp.maximum(slope, 1e-12)
+                swept = jnp.clip(swept - step, 0.2 * swept, jnp.pi - _FULL)
         swept = jax.lax.stop_gradient(swept)
-        over, slope = jax.jvp(excess, (swept,), (jnp.ones_like(swept),))
+        over, slope = jax.jvp(lambda at: excess(at, push(at, alike)), (swept,), (jnp.ones_like(swept),))
         swept = swept - over / jax.lax.stop_gradient(jnp.maximum(slope, 1e-12))
         swept = jnp.where(commanded > 0.0, jnp.maximum(swept, 0.0), 0.0)
         bent = with_arc(swept)

@@ -65,6 +65,25 @@ def test_compliance_balances_depth_and_force(milling: str, stiffness: float):
     np.testing.assert_allclose([bent.entry_rad, bent.exit_rad], [again.entry_rad, again.exit_rad], atol=1e-9)
 
 
+@pytest.mark.parametrize("milling", ["conventional", "climb"])
+@pytest.mark.parametrize("stiffness", [2e4, 2e5])
+def test_beside_runout_the_teeth_that_cut_carry_the_spring(milling: str, stiffness: float):
+    """At a small feed many teeth do not reach the sheet: the force is less than of a tool that runs true."""
+    run_out = model(effect_class("radial_runout")(1.4e-5, 0.6))
+    soft, here = effect_class("static_compliance")(1.0 / stiffness), cut(milling, feed_speed_m_s=0.003)
+
+    @jax.jit
+    def bent_beside(given: Cut) -> tuple[Cut, Any]:
+        bent = soft.engage(given, run_out.process_force, run_out)
+        return bent, mean_load(run_out, bent).force[1]
+
+    bent, force = bent_beside(here)
+    push = float(force) * (1.0 if milling == "conventional" else -1.0)
+    true, _ = bent_by(1.0 / stiffness, here)
+    assert true.radial_depth_m + 1e-6 < bent.radial_depth_m < 0.002
+    np.testing.assert_allclose(bent.radial_depth_m, 0.002 + push / stiffness, rtol=2e-3)
+
+
 @pytest.mark.parametrize("milling", ["conventional", "climb", "slot"])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
 def test_a_stiff_arm_meets_the_end_of_a_sheet_as_a_rigid_one(milling: str, share: float):
