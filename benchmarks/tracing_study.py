@@ -19,8 +19,8 @@ import os
 import sys
 import time
 import traceback
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,10 +105,10 @@ def run(todo: list[Question], log: Path, processes: int, peers: bool) -> None:
         return
     from multiprocessing import get_context
 
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), max_tasks_per_child=20) as pool:
-        waiting = [pool.submit(answer, question, peers) for question in todo]
-        for count, each in enumerate(as_completed(waiting), 1):
-            write(count, each.result())
+    # not an executor: that of Python 3.11 may wait for ever once every worker has done its tasks
+    with get_context("spawn").Pool(processes, maxtasksperchild=20) as pool:
+        for count, row in enumerate(pool.imap_unordered(partial(answer, peers=peers), todo), 1):
+            write(count, row)
 
 
 def main() -> None:
