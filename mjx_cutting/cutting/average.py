@@ -53,7 +53,7 @@ def teeth_alike(model: ForceModel) -> bool:
     """Whether one tooth stands for all in the mean."""
     if model.tool.kind in ("drill", "turning"):
         return True
-    return model.cutter().even and not any(effect.unlike for effect in model.effects)
+    return model.cutter().even and not any(effect.idle_teeth for effect in model.effects)
 
 
 def _of_teeth(model: ForceModel, cut: Cut) -> MeanLoad:
@@ -63,7 +63,7 @@ def _of_teeth(model: ForceModel, cut: Cut) -> MeanLoad:
     arc = leave - entry
     chip = chip_in_arc(cutter, cut, model.tool, entry + arc * (0.5 + 0.5 * _NODE), arc * _CELLS)
     for effect in model.effects:
-        chip = effect.chip(chip, cut, model) if effect.unlike else chip
+        chip = effect.chip(chip, cut, model) if effect.idle_teeth else chip
     share = (arc / (4.0 * jnp.pi) * _WEIGHT)[:, None, None]
     load = _of_chip(model, cut, chip._replace(contact=share * chip.contact))
     return jax.tree.map(lambda leaf: jnp.sum(leaf, axis=0), load)

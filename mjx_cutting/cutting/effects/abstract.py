@@ -108,8 +108,8 @@ class AbstractEffect(eqx.Module):
             arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
         alike: True where `chip` and `edge` do the same to every tooth that cuts the same chip at the same
             angle: while the teeth are alike, lines are found from one of them.
-        unlike: True where `chip` takes one tooth or more out of the cut: the mean load is then that of every
-            tooth by itself.
+        idle_teeth: True where `chip` takes one tooth or more out of the cut: the mean load is then that of
+            every tooth by itself.
         damps: True where all that the effect does is to take energy from the lines, most from the highest.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
@@ -134,7 +134,7 @@ class AbstractEffect(eqx.Module):
     coupled: ClassVar[bool] = False
     per_turn: ClassVar[bool] = False
     alike: ClassVar[bool] = False
-    unlike: ClassVar[bool] = False
+    idle_teeth: ClassVar[bool] = False
     damps: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
     only_axis: ClassVar[int | None] = None

@@ -43,7 +43,7 @@ class BrokenTooth(AbstractEffect):
         "tooth": Parameter("1", 0.0, 200.0, None, 0.0, source="index"),
         "onset_m": Parameter("m", 0.0, 1e5, None, 0.0, source="read from the trials that show it first"),
     }
-    unlike = True
+    idle_teeth = True
     signature = "comb at the spindle frequency that rises with feed from an intercept, of sudden onset"
     confused_with = {
         "radial_runout": "the line of runout is flat in feed and bounded by 100 um",

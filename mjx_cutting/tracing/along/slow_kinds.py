@@ -176,8 +176,8 @@ def _as_large_in(courses: Iterable[Course], effect: AbstractEffect) -> bool:
         shares.append(float(own @ whole / max(float(whole @ whole), 1e-300)))
     if len(shares) < 2:
         return False
-    told = np.median(shares) if len(shares) > 2 else shares
-    return bool(np.all(np.abs(told - np.ones(1)) < _AS_LARGE))
+    told = [float(np.median(shares))] if len(shares) > 2 else shares
+    return all(abs(each - 1.0) < _AS_LARGE for each in told)
 
 
 _HARMONICS = (1, 2, 3, 5, 7)

@@ -97,7 +97,8 @@ def spindle_speed(
     power = np.minimum(coarse_power(signal, time, orders, candidates, teeth), most)
     at = int(np.argmax(power @ weights_of(orders, teeth)))
     folds = teeth * middle * (1.0 + spread) > 0.5 * rate_hz(trial)
-    if not folds and _beside_tooth_passing(power, orders, teeth, at):
+    apart = teeth * spread < _APART
+    if apart and not folds and _beside_tooth_passing(power[:, orders == teeth][:, 0], power.max(), at):
         told = orders % teeth == 0
         orders, most, power = orders[told], most[told], power[:, told]
         at = int(np.argmax(power @ weights_of(orders, teeth)))
@@ -134,18 +135,16 @@ def _collected(trial: Trial, teeth: int, alias: AntiAlias | None) -> float:
     return float(np.sum(comb(*windowed(trial), orders, speed, teeth, most)))
 
 
-def _beside_tooth_passing(power: Array, orders: NDArray[np.int64], teeth: int, at: int) -> bool:
-    """Whether a strong line of tooth passing, which that of no other order comes near, stands elsewhere than
-    the speed of most energy has it: then what the other orders collect there is not of the spindle, but of a
-    vibration stronger than tooth passing.
+def _beside_tooth_passing(passing: Array, most: float, at: int) -> bool:
+    """Whether a strong line of tooth passing stands elsewhere than the speed of most energy has it: then what
+    the other orders collect there is not of the spindle, but of a vibration stronger than tooth passing.
 
-    Arguments: power [C, F] at the orders of each candidate speed, of which the one `at` has most.
+    Arguments: passing [C] energy at tooth passing of each candidate speed, of which the one `at` has most in
+        all; `most` the largest at any order.
     """
-    passing = power[:, orders == teeth][:, 0]
     peak = int(np.argmax(passing))
-    if not 0 < peak < len(passing) - 1 or teeth * SPREAD > _APART:
-        return False
-    return bool(passing[peak] > _STRONG * power.max() and passing[at] < _BESIDE * passing[peak])
+    inside = 0 < peak < len(passing) - 1
+    return bool(inside and passing[peak] > _STRONG * most and passing[at] < _BESIDE * passing[peak])
 
 
 def _refine(energy: Callable[[float], float], start: float, step: float) -> float:
