@@ -24,6 +24,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.cut import Cut
+from mjx_cutting.cutting.drilling import lever_m
 from mjx_cutting.cutting.effects.abstract import AbstractEffect
 from mjx_cutting.cutting.model import ForceModel
 
@@ -31,6 +32,8 @@ _NODES_PER_RADIAN = 0.35
 _FEWEST_NODES = 32
 _FINER = 8
 _POWERS = 10
+_FEWEST_OF_TORQUE = 128
+_OF_TORQUE_PER_TOOTH = 32
 
 
 def revolution(model: ForceModel, cut: Cut, angles: int) -> Array:
@@ -60,10 +63,12 @@ def order_lines(
         along: places [P] along the path, m, and the share [P] of each, where the response changes on the way
             and its mean is wanted; default the cut's own place.
     """
+    nodes = _nodes(orders, arc_rad)
+    model = swung(model, cut, orders, angles, arc_rad)
     if not model.turns_evenly:
         lines = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
     else:
-        lines = _in_parts(model, cut, orders, _FEWEST_NODES + int(_NODES_PER_RADIAN * orders * arc_rad))
+        lines = _in_parts(model, cut, orders, nodes)
         if any(type(effect).body is not AbstractEffect.body for effect in model.effects):
             lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[: orders + 1] / angles
     if any(type(effect).sense is not AbstractEffect.sense for effect in model.effects):
@@ -72,26 +77,57 @@ def order_lines(
     return _responded(model, cut, lines[: orders + 1], along)
 
 
-def _in_parts(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
-    """[orders + 1, 3] lines of the edges' force over time, each part of the arc from `nodes` angles."""
+def swung(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: float = np.pi) -> ForceModel:
+    """The model whose effects know the torque of the turn, where one asks for it; arguments of
+    `order_lines`."""
+    if model.tool.kind not in ("end_mill", "slitting_saw"):
+        return model
+    # where a tooth enters or leaves the speed has a kink, and how far it is ahead there tells
+    orders = max(orders, _FEWEST_OF_TORQUE, _OF_TORQUE_PER_TOOTH * model.tool.teeth)
+    angles, nodes = max(angles, 4 * orders), _nodes(orders, arc_rad)
+    effects, from_zero = list(model.effects), cut.replace(angle_rad=jnp.zeros_like(cut.angle_rad))
+    for index, effect in enumerate(effects):
+        if effect.swings:
+            rest = ForceModel(model.tool, model.material, (*effects[:index], *effects[index + 1 :]))
+            there = effect.spindle(from_zero, model)
+            if rest.turns_evenly:
+                torque = _in_parts(rest, there, orders, nodes, of_torque=True)[:, 0]
+            else:
+                torque = jnp.fft.rfft(rest.torque_z(_turn(there, angles)))[: orders + 1] / angles
+            effects[index] = effect.swung(torque, cut, model)
+    return ForceModel(model.tool, model.material, tuple(effects))
+
+
+def _nodes(orders: int, arc_rad: float) -> int:
+    return _FEWEST_NODES + int(_NODES_PER_RADIAN * orders * arc_rad)
+
+
+def _in_parts(model: ForceModel, cut: Cut, orders: int, nodes: int, of_torque: bool = False) -> Array:
+    """[orders + 1, 3] lines over time of the edges' force, or [orders + 1, 1] `of_torque` of theirs, each
+    part of the arc from `nodes` angles."""
     bent = any(type(effect).engage is not AbstractEffect.engage for effect in model.effects)
     for effect in model.effects:
         parts = None if bent else effect.arcs(cut, model)
         if parts is not None:
             rest = ForceModel(model.tool, model.material, tuple(e for e in model.effects if e is not effect))
-            each = (share * _in_parts(rest, part, orders, nodes) for share, part in parts)
-            return sum(each, jnp.zeros((orders + 1, 3)))
-    return _swept(model, cut, orders, nodes)
+            each = (share * _in_parts(rest, part, orders, nodes, of_torque) for share, part in parts)
+            return sum(each, jnp.zeros((orders + 1, 1 if of_torque else 3)))
+    return _swept(model, cut, orders, nodes, of_torque)
 
 
-def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
-    """[orders + 1, 3] lines of the edges' force over time, from `nodes` angles of the arc."""
+def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int, of_torque: bool) -> Array:
+    """[orders + 1, 3] lines over time of the edges' force, or [orders + 1, 1] of their torque, from `nodes`
+    angles of the arc."""
     node, weight = np.polynomial.legendre.leggauss(nodes)
     force, own, lag, even = model.elements_in_arc(
         cut, jnp.asarray(0.5 + 0.5 * node), jnp.asarray(0.5 * weight)
     )
     order = np.arange(orders + 1)
     share = weight * (own[-1] - own[0]) / (node[-1] - node[0]) / (2.0 * np.pi)
+    if of_torque:
+        x, y, there = force[..., :1], force[..., 1:2], own[:, None, None, None]
+        torque = lever_m(model.tool) * (y * jnp.sin(there) - x * jnp.cos(there))
+        return _transformed(own[:, None, None] + lag, torque * share[:, None, None, None], orders)
     if even is not None:
         return _transformed(
             even[0] - cut.angle_rad, force * (share[:, None, None] * even[1])[..., None], orders
@@ -107,7 +143,7 @@ def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int) -> Array:
 
 
 def _transformed(angle: Array, value: Array, orders: int) -> Array:
-    """[orders + 1, 3] sums of `value` [K, S, N, 3] exp(-i n angle), `angle` [K, S, N], relative error 1e-11.
+    """[orders + 1, A] sums of `value` [K, S, N, A] exp(-i n angle), `angle` [K, S, N], relative error 1e-11.
 
     An angle is the nearest of many even ones and a small rest. Over the even ones the sums are a fast Fourier
     transform; the rest counts by its powers (Anderson and Dahleh, SIAM J. Sci. Comput. 17, 1996).
@@ -118,12 +154,13 @@ def _transformed(angle: Array, value: Array, orders: int) -> Array:
     turned = angle.reshape(-1) / step
     nearest = jax.lax.stop_gradient(jnp.round(turned))
     rest = most * step * (turned - nearest)
-    powers = [value.reshape(-1, 3)]
+    axes = value.shape[-1]
+    powers = [value.reshape(-1, axes)]
     for q in range(1, _POWERS):
         powers.append(powers[-1] * (rest / q)[:, None])
-    even = jnp.zeros((angles, 3 * _POWERS), value.dtype)
+    even = jnp.zeros((angles, axes * _POWERS), value.dtype)
     even = even.at[nearest.astype(int) % angles].add(jnp.concatenate(powers, axis=1))
-    each = jnp.fft.rfft(even, axis=0)[: orders + 1].reshape(orders + 1, _POWERS, 3)
+    each = jnp.fft.rfft(even, axis=0)[: orders + 1].reshape(orders + 1, _POWERS, axes)
     share = (-1j * np.arange(orders + 1)[:, None] / most) ** np.arange(_POWERS)
     return jnp.einsum("nq,nqa->na", jnp.asarray(share, each.dtype), each)
 

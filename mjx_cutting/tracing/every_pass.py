@@ -41,6 +41,7 @@ from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.passes import Pass, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.sheet import begin_in_air, inside_the_sheet
+from mjx_cutting.tracing.swinging_spindle import with_swing
 from mjx_cutting.tracing.telling.ties import TIED
 from mjx_cutting.trials.dataset import Dataset
 
@@ -59,8 +60,8 @@ def every_pass(
     steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
     dataset, on_path = steady_cuts(dataset)
 
-    def one_pass(trials: Dataset) -> Pass:
-        return once(trials, band_hz, kinds, steady, seed, progress)
+    def one_pass(trials: Dataset, droop_rev_s_nm: float = 0.0) -> Pass:
+        return once(trials, band_hz, kinds, steady, seed, progress, droop_rev_s_nm=droop_rev_s_nm)
 
     found = part = None
     if on_path:
@@ -79,7 +80,7 @@ def every_pass(
         progress("lines off the spindle's multiples")
         found = _with_vibration(found)
     if DROOP in named:
-        found = with_droop_on_ramps(dataset, with_droop(found))
+        found = with_droop_on_ramps(dataset, with_swing(with_droop(found), one_pass, progress))
     if OFFSET in named and found.search.problem.motion is None:
         found = with_offset(found)
     if RIPPLE in kinds and RIPPLE not in found.kinds and found.search.problem.motion is None:

@@ -54,16 +54,18 @@ def once(
     seed: int,
     progress: Callable[[str], None],
     posed: Callable[[Dataset, Lines], Problem] = pose,
+    droop_rev_s_nm: float = 0.0,
 ) -> Pass:
     """Search over `steady` effects, then over those of `kinds` along a trial (call it in float64).
 
-    `posed` makes the fitting problem of the trials.
+    `posed` makes the fitting problem of the trials; `droop_rev_s_nm` is how far the motor gives way, if it is
+    one that swings within the turn.
     """
     progress("reading the lines of every trial")
     measured = dataset
     if posed is pose:
         dataset = without_edges(measured, band_hz)
-    searches = Searches(band_hz, tuple(kind.name for kind in kinds), seed, progress, posed)
+    searches = Searches(band_hz, tuple(kind.name for kind in kinds), seed, progress, posed, droop_rev_s_nm)
     alone = searches.steady(dataset, steady)
     if dataset is not measured and (clearer := _less_edges_as_found(measured, alone)) is not None:
         progress("once more, without the edges of the teeth as found")
@@ -77,7 +79,7 @@ def once(
     why = _why_refused(found, steady)
     if why is None:
         return found
-    bare = once(dataset, band_hz, kinds, (), seed, progress, posed)
+    bare = once(dataset, band_hz, kinds, (), seed, progress, posed, droop_rev_s_nm)
     return replace(bare, search=replace(bare.search, rounds=(refused(found.search.rounds[0], why),)))
 
 

@@ -91,17 +91,20 @@ class Pass:
 
 @dataclass(frozen=True)
 class Searches:
-    """The two searches of a pass, on any records: `names` are those of the effects tried along a trial."""
+    """The two searches of a pass, on any records: `names` are those of the effects tried along a trial,
+    `droop_rev_s_nm` how far a motor gives way that swings within the turn."""
 
     band_hz: tuple[float, float]
     names: tuple[str, ...]
     seed: int
     progress: Callable[[str], None]
     posed: Callable[[Dataset, Lines], Problem] = pose
+    droop_rev_s_nm: float = 0.0
 
     def steady(self, dataset: Dataset, kinds: Sequence[type[AbstractEffect]]) -> Pass:
         """The search over steady effects alone."""
         lines = lines_as_it_turned(dataset, self.band_hz)
+        lines = replace(lines, droop_rev_s_nm=self.droop_rev_s_nm)
         found = search(self.posed(dataset, lines), lines, kinds, folds(dataset, self.seed), self.progress)
         problem = found.problem
         base_model, model = (for_use(dataset, fit.model) for fit in (found.base_fit, found.final_fit))

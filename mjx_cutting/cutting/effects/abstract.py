@@ -106,6 +106,7 @@ class AbstractEffect(eqx.Module):
         coupled: True where the effect's memory acts back on the process force, see `recall`.
         per_turn: True where `spindle` and `engage` change only what holds for a whole turn (speed, depth,
             arc), and what varies within it is in `ahead`: its lines are found without sampling the turn.
+        swings: True where the spindle's speed follows the torque within the turn: `swung` binds that.
         alike: True where `chip` and `edge` do the same to every tooth that cuts the same chip at the same
             angle: while the teeth are alike, lines are found from one of them.
         idle_teeth: True where `chip` takes one tooth or more out of the cut: the mean load is then that of
@@ -133,6 +134,7 @@ class AbstractEffect(eqx.Module):
     steady: ClassVar[bool] = True
     coupled: ClassVar[bool] = False
     per_turn: ClassVar[bool] = False
+    swings: ClassVar[bool] = False
     alike: ClassVar[bool] = False
     idle_teeth: ClassVar[bool] = False
     damps: ClassVar[bool] = False
@@ -150,8 +152,13 @@ class AbstractEffect(eqx.Module):
         return cut
 
     def ahead(self, angle_rad: ArrayLike) -> Array | None:
-        """[...] how far the tool, at `angle_rad`, is ahead of turning evenly, rad; None where it is not."""
+        """[...] how far the tool is ahead of `angle_rad`, which turns evenly, rad; None where it is not."""
         return None
+
+    def swung(self, torque: Array, cut: Cut, model: ForceModel) -> AbstractEffect:
+        """This effect with its answer bound to the torque of the turn, complex lines [n + 1] over the angle
+        of tooth 0, N m, which the model has without it."""
+        return self
 
     def engage(self, cut: Cut, force: Callable[[Cut], Array], model: ForceModel) -> Cut:
         """Depth and arc as a compliant structure leaves them; `force(cut)` is the process force [..., 3]."""

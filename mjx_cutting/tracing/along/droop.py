@@ -20,16 +20,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mjx_cutting.cutting import ForceModel, effect_class
+from mjx_cutting import _platform
+from mjx_cutting.cutting import Cut, ForceModel, effect_class
 from mjx_cutting.cutting.average import mean_load
+from mjx_cutting.cutting.orders import swung
 from mjx_cutting.tracing.along.slow_round import BeforeOthers, SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.fit import fit_base
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out, on_other_lines
-from mjx_cutting.tracing.fitting.prediction import loaded_about, predictions
+from mjx_cutting.tracing.fitting.prediction import droop_of, loaded_about, predictions, without_droop
 from mjx_cutting.tracing.fitting.problem import Problem, pose, shared_bias
 from mjx_cutting.tracing.naming.decision import decide
 from mjx_cutting.tracing.naming.intervals import interval
@@ -66,11 +69,14 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> BeforeOthers | 
         model = jax.tree.map(lambda leaf, f=f: leaf[f], found.final.fits.model)
         keep = fold != f
         own = _law(loss[keep], _torque(found.problem, model)[keep], stated[keep])
-        about = loaded_about(dataset, model.with_effects(kind(max(own.droop, 0.0))), stated, own.off)
+        about = loaded_about(
+            dataset, without_droop(model).with_effects(kind(max(own.droop, 0.0))), stated, own.off
+        )
         laws.append(own.droop)
         centres[~keep] = about[~keep]
     # the lines found may be those of records less what changes along them, which the base model has to face
     whole = compress(dataset, lines.band_hz, lines.speed_rev_s, like=lines) if measured else lines
+    whole = replace(whole, droop_rev_s_nm=0.0)
     near = _near(dataset, whole, stated, measured)
     problem, base = fit_base(pose(dataset, near))
     before = held_out(problem, near, (), base.x, found.base.fold)
@@ -88,9 +94,26 @@ def find_droop(dataset: Dataset, lines: Lines, found: Search) -> BeforeOthers | 
 
 
 def _torque(problem: Problem, model: ForceModel) -> Array:
-    """[R] mean torque of every trial at the speed it was cut at, N m."""
-    load = mean_load(ForceModel(problem.tool, model.material, model.effects), problem.cut)
-    return np.asarray(load.chip_torque + load.edge_torque)
+    """[R] mean torque of every trial at the speed it was cut at, N m, over time: a spindle that swings within
+    the turn is longest where it is heavy."""
+    model = ForceModel(problem.tool, model.material, model.effects)
+    load = mean_load(model, problem.cut)
+    torque = load.chip_torque + load.edge_torque
+    if (droop := droop_of(model)) is not None:
+        speed = jnp.asarray(problem.cut.spindle_speed_rev_s)
+        torque = torque + _excess(problem, model) * speed / droop.droop_rev_s_nm
+    return np.asarray(torque)
+
+
+@_platform.jit_for_few_calls
+def _excess(problem: Problem, model: ForceModel) -> jax.Array:
+    """[R] by what share of its mean over time the mean over the angle of the speed exceeds that."""
+
+    def of(cut: Cut) -> jax.Array:
+        droop = droop_of(swung(model, cut, problem.orders, problem.angles, problem.arc_rad))
+        return jnp.zeros(()) if droop is None or droop.turn is None else droop.turn.excess
+
+    return jax.vmap(of)(problem.cut)
 
 
 class Law(NamedTuple):

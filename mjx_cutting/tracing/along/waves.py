@@ -24,7 +24,7 @@ from mjx_cutting.cutting.effects.abstract import EdgeForce
 from mjx_cutting.cutting.effects.layered_material import BORDER_POWER
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
-from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.tracing.fitting.prediction import Prediction, without_droop
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
 from mjx_cutting.tracing.records.course import Course, felt_at
 from mjx_cutting.tracing.records.even_time import later
@@ -136,8 +136,9 @@ def _beside(problem: Problem, model: ForceModel) -> Complex:
 
 
 def _lines_of(problem: Problem, model: ForceModel) -> Complex:
-    """[R, orders + 1, 3] lines of a model, N, without the inertia of what the sensor carries: of no edge."""
-    own = tuple(each for each in model.effects if type(each) not in problem.given)
+    """[R, orders + 1, 3] lines of a model, N, of an even turn, without the inertia of what the sensor
+    carries: of no edge."""
+    own = tuple(each for each in without_droop(model).effects if type(each) not in problem.given)
     return np.asarray(_lines(problem, ForceModel(model.tool, model.material, own)))
 
 

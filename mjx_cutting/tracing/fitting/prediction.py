@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, ForceModel
-from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop
+from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop, UnderLoad
 from mjx_cutting.tracing.fitting.moving import MovingLines, wave
 from mjx_cutting.tracing.fitting.problem import Problem, by_position, cuts_of, model_lines
 from mjx_cutting.tracing.fitting.residual import Residual, residual_of_lines
@@ -82,7 +82,7 @@ def predictions(
     The speeds are those of `lines`, but where lines move along the path. `only`: places of the trials that
     matter, whose angle is found again under moving lines; default all; `turn_rad` [R]: by how much further
     than fitted the tool of each trial is turned."""
-    model, _ = _at_loaded_speed(model)
+    model = _at_loaded_speed(model)
     knots = KNOTS if by_position(model) else FEW_KNOTS if grows(model.effects) else 0
     places = along_the_path(problem, model, knots) if knots else None
     lines_n, left = _solved(problem, model, jnp.asarray(shared_bias_n), places)
@@ -124,17 +124,29 @@ def loaded_about(dataset: Dataset, model: ForceModel, stated_rev_s: Array, error
     """[R] speeds of the cut trials, stated as `stated_rev_s`, slowed by the model's droop where it has one,
     rev/s. `error` is the relative error of the stated speeds."""
     stated = (1.0 + error) * stated_rev_s
-    rigid, droop = _at_loaded_speed(model)
+    droop = droop_of(model)
     if droop is None:
         return stated
-    return np.asarray(droop.loaded_speed_rev_s(cuts_of(dataset, stated), rigid))
+    return np.asarray(droop.loaded_speed_rev_s(cuts_of(dataset, stated), without_droop(model)))
 
 
-def _at_loaded_speed(model: ForceModel) -> tuple[ForceModel, SpindleDroop | None]:
-    """The model for lines that stand where the loaded spindle turned, and what slowed it."""
-    droop = next((each for each in model.effects if isinstance(each, SpindleDroop)), None)
-    rest = tuple(each for each in model.effects if each is not droop)
-    return ForceModel(model.tool, model.material, rest), droop
+def droop_of(model: ForceModel) -> SpindleDroop | None:
+    """What slows the model's spindle."""
+    return next((each for each in model.effects if isinstance(each, SpindleDroop)), None)
+
+
+def without_droop(model: ForceModel) -> ForceModel:
+    """The model of a spindle that does not give way."""
+    rest = tuple(each for each in model.effects if not isinstance(each, SpindleDroop))
+    return ForceModel(model.tool, model.material, rest)
+
+
+def _at_loaded_speed(model: ForceModel) -> ForceModel:
+    """The model for lines that stand where the loaded spindle turned: it may swing within the turn."""
+    droop = droop_of(model)
+    if droop is None or not np.any(np.asarray(droop.bandwidth_hz) > 0.0):
+        return without_droop(model)
+    return without_droop(model).with_effects(UnderLoad(droop.droop_rev_s_nm, droop.bandwidth_hz))
 
 
 def grows(effects: Iterable[AbstractEffect | type[AbstractEffect]]) -> bool:

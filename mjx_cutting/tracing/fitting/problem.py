@@ -23,10 +23,11 @@ from jax.typing import ArrayLike
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
 from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
 from mjx_cutting.cutting.effects.helix_lag import HelixLag
+from mjx_cutting.tracing.fitting.swinging import Swinging
 from mjx_cutting.tracing.records.air import Air, air_levels, left_in_air
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.line_gain import helix_gain, line_gain
+from mjx_cutting.tracing.records.line_gain import helix_gain, line_gain, slice_gain
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.turns import holds_ripple
 from mjx_cutting.trials.dataset import Dataset, Trial
@@ -42,6 +43,7 @@ _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
 _PLACES = 6
 _ARC_STEP = np.pi / 8.0
+_SLICES = 4
 _TRIALS_STEP = 4
 _ORDERS_STEP = 8
 _WIDTHS_APART = 1.1
@@ -69,6 +71,7 @@ class Problem(eqx.Module):
         trust: [R, 3] factor on the weight of each trial; None: one.
         tolerance: share of the force by which any model of it may be wrong (static).
         given: effects that every model has, and that are not looked for (static).
+        droop_rev_s_nm: [] about how far the motor gives way that is `given` as swinging, rev/s/(N m).
         air: levels in air, where all trials share one bias.
         alive: axes on which anything was recorded; of the others nothing is predicted (static).
     """
@@ -93,6 +96,7 @@ class Problem(eqx.Module):
     trust: Array | None = None
     given: tuple[type[AbstractEffect], ...] = eqx.field(static=True, default=())
     tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    droop_rev_s_nm: Array | None = None
     air: Air | None = None
     alive: tuple[bool, bool, bool] = eqx.field(static=True, default=(True, True, True))
 
@@ -180,6 +184,8 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         orders=lines.orders,
         angles=angles,
         arc_rad=_ARC_STEP * float(np.ceil(_longest_arc(cut) / _ARC_STEP)),
+        given=(Swinging,) if lines.droop_rev_s_nm else (),
+        droop_rev_s_nm=jnp.asarray(lines.droop_rev_s_nm) if lines.droop_rev_s_nm else None,
         air=air,
         alive=_alive(trials),
     )
@@ -219,7 +225,10 @@ def model_at(problem: Problem, x: Array, effects: Sequence[type[AbstractEffect]]
     parts = []
     for effect in (*problem.given, *effects):
         size = effect.size(problem.tool)
-        parts.append(effect.build(x[start : start + size], problem.tool))
+        built = effect.build(x[start : start + size], problem.tool)
+        if isinstance(built, Swinging) and problem.droop_rev_s_nm is not None:
+            built = built.in_unit(problem.droop_rev_s_nm)
+        parts.append(built)
         start += size
     given = len(problem.given)
     tc, rc, ac, te, re, ae = constants
@@ -331,19 +340,31 @@ def model_lines(problem: Problem, model: ForceModel, at_one_place: bool = False)
 
 
 def with_straight_teeth(problem: Problem, model: ForceModel) -> ForceModel:
-    """The model without a helix."""
-    tool = Tool(problem.tool.kind, problem.tool.teeth, problem.tool.diameter_m)
+    """The model without a helix, or in few slices of it where the tool does not turn evenly."""
+    slices = _slices(problem, model)
+    helix_rad = _helix_rad(problem, model) if slices > 1 else 0.0
+    tool = Tool(problem.tool.kind, problem.tool.teeth, problem.tool.diameter_m, helix_rad, slices)
     rest = tuple(each for each in model.effects if not isinstance(each, HelixLag))
     return ForceModel(tool, model.material, rest)
 
 
 def response(problem: Problem, model: ForceModel) -> Array:
     """[R, orders + 1] what the known filter and the helix, with what corrects it, make of the lines of
-    straight teeth."""
+    straight teeth, or of slices that are straight."""
+    slices = _slices(problem, model)
+    width = jnp.asarray(problem.cut.axial_width_m) / slices
+    of_helix = slice_gain if slices > 1 else helix_gain
+    return problem.gain * of_helix(width, problem.tool.diameter_m, _helix_rad(problem, model), problem.orders)
+
+
+def _slices(problem: Problem, model: ForceModel) -> int:
+    swings = any(each.swings for each in model.effects)
+    return _SLICES if swings and problem.tool.kind == "end_mill" else 1
+
+
+def _helix_rad(problem: Problem, model: ForceModel) -> Array:
     corrections = (jnp.asarray(each.helix_rad) for each in model.effects if isinstance(each, HelixLag))
-    helix_rad = sum(corrections, start=jnp.asarray(problem.tool.helix_rad))
-    width = jnp.asarray(problem.cut.axial_width_m)
-    return problem.gain * helix_gain(width, problem.tool.diameter_m, helix_rad, problem.orders)
+    return sum(corrections, start=jnp.asarray(problem.tool.helix_rad))
 
 
 def by_position(model: ForceModel) -> bool:

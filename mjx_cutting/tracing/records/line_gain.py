@@ -22,8 +22,17 @@ def line_gain(sensor: Sensor, speed_rev_s: np.ndarray[Any, Any], orders: int) ->
 
 def helix_gain(width_m: ArrayLike, diameter_m: ArrayLike, helix_rad: ArrayLike, orders: int) -> Array:
     """[R, orders + 1] mean of exp(-i n lag) over widths of cut [R], N per N of straight teeth."""
-    half = jnp.outer(jnp.asarray(width_m) * jnp.tan(helix_rad) / diameter_m, jnp.arange(orders + 1))
+    half = _half_lag(width_m, diameter_m, helix_rad, orders)
     return jnp.sinc(half / jnp.pi) * jnp.exp(-1j * half)
+
+
+def slice_gain(width_m: ArrayLike, diameter_m: ArrayLike, helix_rad: ArrayLike, orders: int) -> Array:
+    """[R, orders + 1] the same about the middle of widths [R]: of slices each of which is in its place."""
+    return jnp.sinc(_half_lag(width_m, diameter_m, helix_rad, orders) / jnp.pi)
+
+
+def _half_lag(width_m: ArrayLike, diameter_m: ArrayLike, helix_rad: ArrayLike, orders: int) -> Array:
+    return jnp.outer(jnp.asarray(width_m) * jnp.tan(helix_rad) / diameter_m, jnp.arange(orders + 1))
 
 
 def filter_delay_s(sensor: Sensor) -> float:

@@ -11,7 +11,7 @@ followed (`followed`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,8 @@ class Lines:
         band_hz: (low, high) band in which everything is measured.
         followed: [orders + 1] True for the orders that are followed; the others hold noise alone.
         dataset: whose cut trials these are the lines of.
+        droop_rev_s_nm: about how far the motor gives way that swings within the turn, rev/s/(N m); 0 for
+            one that turns evenly.
     """
 
     files: tuple[str, ...]
@@ -69,6 +71,7 @@ class Lines:
     band_hz: tuple[float, float]
     followed: NDArray[np.bool_]
     dataset: Dataset
+    droop_rev_s_nm: float = 0.0
 
     @property
     def trials(self) -> int:
@@ -140,7 +143,8 @@ def compress(
     Arguments:
         about_rev_s: [R] speeds about which each trial's own is looked for, and no further than a stated one
             may err; default: wherever a motor that gives way may have left it (`spindle`).
-        like: lines of which the same orders are followed; default those that are heard in the band.
+        like: lines of which the same orders are followed, of the same motor; default those that are heard in
+            the band, of one that turns evenly.
         every: whether every order of the band is, but those that fold into it; as where lines change along
             the path and hardly stand out.
 
@@ -159,7 +163,8 @@ def compress(
         pairs = zip(trials, about_rev_s, strict=True)
         speeds = np.array([spindle_speed(trial, dataset.tool.teeth, alias, float(f)) for trial, f in pairs])
     if like is not None:
-        return _read(dataset, trials, speeds, band_hz, like.followed)
+        lines = _read(dataset, trials, speeds, band_hz, like.followed)
+        return replace(lines, droop_rev_s_nm=like.droop_rev_s_nm)
     highest = 0 if levels else _highest_order(dataset, band_hz, float(speeds.min()))
     if every:
         highest = min(highest, int(band_hz[1] / float(speeds.min())))

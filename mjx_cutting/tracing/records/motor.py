@@ -132,7 +132,9 @@ def _within_reach(trial: Trial, teeth: int, alias: AntiAlias | None) -> tuple[Ar
     most = most_power(trial, orders * stated, alias)
     power = np.minimum(coarse_power(signal, time, orders, candidates, teeth), most)
     # by the logarithm, so that many lines in their places say more than one strong line
-    heard = np.log1p(power / (_OVER_NOISE * np.median(power))) @ weights_of(orders, teeth)
+    # and a line between two harmonics less than these would, since all of them stand there for a wrong comb
+    weights = weights_of(orders, teeth) * np.where(orders % teeth == 0, 1.0, np.minimum(teeth / orders, 1.0))
+    heard = np.log1p(power / (_OVER_NOISE * np.median(power))) @ weights
     energy = np.maximum(heard - np.median(heard), 0.0)
     reach = max(int(SPREAD * stated / step), 1)
     best = maximum_filter1d(energy, 2 * reach + 1, mode="constant")

@@ -71,6 +71,51 @@ def test_droop_shifts_the_lines_of_a_record():
     assert abs(peak - 4 * SPEED) > 5.0
 
 
+def _left_of_a_record(line_droop: Any, record_droop: Any, teeth: int) -> float:
+    """Share of a settled record's lines that the lines of a model leave, phase and speed as the record's."""
+    rate, turns = 400.0 * SPEED, 16
+    angle = 2.0 * jnp.pi * SPEED / rate * jnp.arange(int(turns * rate / SPEED))
+    record = cut(gate_rad=2.0 * np.pi * SPEED / rate).replace(angle_rad=angle)
+    force = np.asarray(jax.jit(ForceModel.predict)(model(record_droop, teeth=teeth), record, 1.0 / rate))
+    force, time = force[len(force) // 4 :, :2], np.arange(len(force))[len(force) // 4 :] / rate
+    lines = np.asarray(lines_of(model(line_droop, teeth=teeth), cut(), 4 * teeth, 960))
+    passing = teeth * np.arange(1, 5)
+    about = float(line_droop.loaded_speed_rev_s(cut(), model(teeth=teeth)))
+
+    def read(speed: float) -> np.ndarray:
+        wave = np.exp(1j * np.outer(2.0 * np.pi * speed * time, passing))
+        columns = np.concatenate([np.ones((len(time), 1)), wave.real, wave.imag], axis=1)
+        found = np.linalg.lstsq(columns, force, rcond=None)[0]
+        return 0.5 * (found[1:5] - 1j * found[5:])
+
+    speeds = about * (1.0 + np.linspace(-0.01, 0.01, 401))
+    own = read(max(speeds, key=lambda speed: float(np.sum(np.abs(read(speed)) ** 2))))
+    phases = np.exp(1j * np.outer(np.linspace(0.0, 2.0 * np.pi / teeth, 2000), passing))
+    left = [np.sum(np.abs(own - each[:, None] * lines[passing, :2]) ** 2) for each in phases]
+    return float(np.sqrt(min(left) / np.sum(np.abs(own) ** 2)))
+
+
+@pytest.mark.parametrize("bandwidth_hz", [1e5, 150.0])
+def test_a_motor_of_little_inertia_draws_out_its_lines_in_a_record_as_in_the_order_domain(bandwidth_hz):
+    """Teeth that cut a short arc load the motor by turns: the lines are those of a record stepped in time."""
+    swings, steady = (effect_class("spindle_droop")(1.5, each) for each in (bandwidth_hz, 0.0))
+    follows = _left_of_a_record(swings, swings, teeth=2)
+    evenly = _left_of_a_record(steady, swings, teeth=2)
+    assert follows < 0.15 * evenly and evenly > 0.03
+    assert _left_of_a_record(steady, steady, teeth=2) < 0.004
+
+
+def test_teeth_that_differ_take_chips_by_the_time_since_the_tooth_before():
+    """A tooth that reaches far slows the motor, so what comes behind it takes more."""
+    runout = effect_class("radial_runout")(2e-5, 0.0)
+    given = cut(feed_speed_m_s=0.012)
+    with_, without = (
+        np.abs(np.asarray(lines_of(model(runout, each), given, 8, 960))[1, 1])
+        for each in (effect_class("spindle_droop")(3.0, 1e5), effect_class("spindle_droop")(3.0))
+    )
+    assert abs(with_ / without - 1.0) > 0.02
+
+
 def test_a_stalling_motor_stays_finite():
     droop = effect_class("spindle_droop")(1e4)
     speed = droop.loaded_speed_rev_s(cut(), model())
