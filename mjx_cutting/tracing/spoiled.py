@@ -4,9 +4,10 @@ Where what is known does not explain all that is missing, and either the model f
 half as much of the others, beside noise, as one fitted without any other does, or most of what is left is
 missing in one, the others are traced without it. Only if that settles the matter, or at least halves what is
 left, is the trial left out, by name and with its figures. A trial unlike the others spoils the fit of all;
-but few levels are fitted well without any of them, so there only what each leaves by itself counts. And a
-trial of which the conditions, places or times are not what is said leaves no more than the others do, but
-what explains much of each of them makes it worse: that, too, is tried.
+but few levels are fitted well without any of them, so there what each leaves by itself counts, and among
+many the one without which an effect that was tried leaves next to nothing of the others. And a trial of which
+the conditions, places or times are not what is said leaves no more than the others do, but what explains
+much of each of them makes it worse: that, too, is tried.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.trials.dataset import Dataset, LeftOut
 
 _FEWEST = 5
+_MANY = 7
 _HALF = 0.5
 _MOST_OF_IT = 0.7
 _TIMES_THE_OTHERS = 3.0
+_NEXT_TO_NOTHING = 2.0
 _EXPLAINS = 0.25
 
 
@@ -53,12 +56,26 @@ def spoiled(
         worst = int(np.argmin(beside))
         if least < _HALF * second and share[worst] > floor_nrmse:
             return _unlike(files[worst], share[worst], least)
+    elif (alone := _alone_against(files, [after for _, after in tried], floor_nrmse)) is not None:
+        return _unlike(files[alone], share[alone], floor_nrmse)
     worst = int(np.argmax(error))
     usual = float(np.median(np.delete(share, worst)))
     unlike = error[worst] >= _MOST_OF_IT * error.sum() and share[worst] >= _TIMES_THE_OTHERS * usual
     if not unlike or share[worst] <= floor_nrmse:
         return next((one for each in tried if (one := _opposed(files, *each)) is not None), None)
     return _unlike(files[worst], share[worst], usual)
+
+
+def _alone_against(files: Sequence[str], tried: Sequence[HeldOut], floor_nrmse: float) -> int | None:
+    """The one level, of many, without which a model leaves of the others about the noise, and without any
+    other many times as much."""
+    for after in tried:
+        beside = _of_the_others(after, floor_nrmse) if len(after.fold) == len(files) >= _MANY else None
+        if beside is not None:
+            least, second = np.sort(beside)[:2]
+            if least < min(_NEXT_TO_NOTHING * floor_nrmse, second / _TIMES_THE_OTHERS):
+                return int(np.argmin(beside))
+    return None
 
 
 def _opposed(files: Sequence[str], left: HeldOut, after: HeldOut) -> LeftOut | None:

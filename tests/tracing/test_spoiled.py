@@ -92,6 +92,25 @@ def test_a_trial_is_suspected_without_which_the_others_are_explained(mill, witho
     assert (None if told is None else told.file) == found
 
 
+@pytest.mark.parametrize(
+    ("levels", "least", "second", "found"),
+    [(8, 1.0, 90.0, "t03.csv"), (8, 9.0, 90.0, None), (8, 2.0, 5.0, None), (6, 1.0, 90.0, None)],
+    ids=["one against all", "not explained", "no better than another", "few"],
+)
+def test_a_level_is_suspected_without_which_an_effect_explains_the_others(levels, least, second, found):
+    """A fit without a level leaves `second` of a thousand of every other, one without the third `least`."""
+    in_lines = np.full((levels, levels, 3), second)
+    in_lines[2] = least
+    np.einsum("iia->ia", in_lines)[:] = 200.0
+    energy, fold = np.full((levels, 3), 1e3), np.arange(levels)
+    after = HeldOut(np.full((levels, 3), 200.0), energy, SimpleNamespace(error_n2=in_lines), fold)
+    before = HeldOut(np.full((levels, 3), 300.0), energy, None, fold)
+    trials = tuple(SimpleNamespace(file=f"t{n + 1:02d}.csv", kind="cut") for n in range(levels))
+    drilled = SimpleNamespace(trials=trials, tool=SimpleNamespace(kind="drill"))
+    told = spoiled(drilled, before, [(before, after)], floor_nrmse=0.03)
+    assert (None if told is None else told.file) == found
+
+
 def test_a_sheet_of_another_material_is_left_out_though_it_spoils_all_fits(mill):
     dataset = mill()
     third = replace(dataset.trials[2], force_n=0.35 * dataset.trials[2].force_n)

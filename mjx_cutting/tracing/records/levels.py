@@ -20,6 +20,7 @@ from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.part import part_of
 from mjx_cutting.tracing.records.steady import IN_CUT, sizes, steady
 from mjx_cutting.tracing.records.surface import surfaces_m
+from mjx_cutting.tracing.records.way_in import levels_of
 from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
 from mjx_cutting.trials.in_air import less_the_air
 
@@ -34,6 +35,10 @@ _UNLIKE_AIR = 0.15
 _MAIN = 1.2
 _FEWEST_TOLD = 4
 _OFF = 0.02
+_NEVER_IN = (
+    "ends before the tool is as far in as the others are at their level, expected a record that goes on from "
+    "there; record for longer"
+)
 Array = NDArray[np.floating]
 
 
@@ -69,13 +74,16 @@ def as_levels(dataset: Dataset) -> Dataset:
         trials = _at_zero(trials, airs)
         trials = [trial for trial in trials if trial.file not in {each.file for each in unknown}]
         known = trials
-    begins = surfaces_m(known, _FEWEST_IN_AIR)
-    cut = [
-        _level(trial, steady(one.force_n), begins.get(trial.file, 0.0)) if trial.kind == "cut" else trial
-        for trial, one in zip(trials, known, strict=True)
-    ]
+    begins, part = surfaces_m(known, _FEWEST_IN_AIR), levels_of(known)
+    short = tuple(LeftOut(file, _NEVER_IN) for file, level in part.items() if level is None)
+    cut = []
+    for trial in trials:
+        if trial.kind != "cut":
+            cut.append(trial)
+        elif (level := part[trial.file]) is not None:
+            cut.append(_level(trial, level, begins.get(trial.file, 0.0)))
     trials = cut + in_air
-    levels = replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *unknown))
+    levels = replace(dataset, trials=tuple(trials), left_out=(*dataset.left_out, *unknown, *short))
     mean = sum((trial.force_n.mean(axis=0) for trial in trials if trial.kind == "cut"), np.zeros(3))
     if kind == "turning":
         return _as_on_a_lathe(levels, mean)

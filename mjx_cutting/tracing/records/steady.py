@@ -33,14 +33,29 @@ def steady(force: Array) -> slice:
     if len(inside) < _FEWEST:
         return slice(None)
     first, last = int(inside[0]), int(inside[-1]) + 1
-    if (between := _between_ramps(size[first:last])) is not None:
-        return slice(first + between.start, first + between.stop)
+    if (bends := _between_ramps(size[first:last])) is not None:
+        up, down = bends
+        inward = int(_SHORTEST * (down - up))
+        return slice(first + up + inward, first + down - inward)
     trim = int(_TRIMMED * (last - first))
     ramp, end = _ramp(size[first : last - trim]), _ramp(size[first + trim : last][::-1])
     comes_in = first > 0 or _rises(size[first : first + trim])
     goes_out = last < len(size) or _rises(size[last - trim : last][::-1])
     begin, stop = first + (ramp or trim * comes_in), last - (end or trim * goes_out)
     return slice(begin, stop) if stop - begin >= _FEWEST else slice(first, last)
+
+
+def bend_in(force: Array) -> int | None:
+    """Sample of a record [T, 3] at which it bends from a ramp into its level; None where it shows no bend."""
+    size, usual = sizes(force)
+    inside = np.flatnonzero(size > IN_CUT * usual)
+    if len(inside) < _FEWEST:
+        return None
+    first, last = int(inside[0]), int(inside[-1]) + 1
+    if (bends := _between_ramps(size[first:last])) is not None:
+        return first + bends[0]
+    bend, each = _bend(size[first : last - int(_TRIMMED * (last - first))])
+    return first + bend * each if bend else None
 
 
 def sizes(force: Array) -> tuple[Array, float]:
@@ -51,9 +66,17 @@ def sizes(force: Array) -> tuple[Array, float]:
 
 def _ramp(size: Array) -> int:
     """Samples of a stretch [T] on which it rises before it bends into a level; 0 where it does not."""
+    bend, each = _bend(size)
+    # a ramp need not be quite straight, and the bend is somewhere within a bin
+    return (bend + int(_SHORTEST * (_BINS - bend))) * each if bend else 0
+
+
+def _bend(size: Array) -> tuple[int, int]:
+    """Bins of a stretch [T] before it bends from a ramp into a level, 0 where it does not, and samples of
+    each."""
     each = len(size) // _BINS
     if each == 0:
-        return 0
+        return 0, 0
     level = size[: each * _BINS].reshape(_BINS, each).mean(axis=1)
     place = np.arange(_BINS) + 0.5
     best, least = np.zeros(3), np.inf
@@ -66,15 +89,12 @@ def _ramp(size: Array) -> int:
             best, least, bend = fit, left, at
     reached, rise, after = best
     flat = abs(after) * (_BINS - bend) < _FLAT * reached and np.sqrt(least / _BINS) < _CLOSE * reached
-    if not flat or rise * bend < _RISE * reached:
-        return 0
-    # a ramp need not be quite straight, and the bend is somewhere within a bin
-    return (bend + int(_SHORTEST * (_BINS - bend))) * each
+    return (0 if not flat or rise * bend < _RISE * reached else bend), each
 
 
-def _between_ramps(size: Array) -> slice | None:
-    """Samples of a stretch [T] at its level between a ramp up and one down; None where it is not of the kind,
-    or hardly a tenth of it is level."""
+def _between_ramps(size: Array) -> tuple[int, int] | None:
+    """Samples at which a stretch [T] bends into its level after a ramp up, and out of it before one down;
+    None where it is not of the kind, or hardly a tenth of it is level."""
     each = len(size) // _FEWER_BINS
     if each == 0:
         return None
@@ -96,8 +116,7 @@ def _between_ramps(size: Array) -> slice | None:
     long = min(rise * first, fall * (_FEWER_BINS - last)) >= _RISE * reached
     if not long or np.sqrt(left[best] / _FEWER_BINS) > _CLOSE * reached:
         return None
-    inward = int(_SHORTEST * (last - first) * each)
-    return slice(first * each + inward, last * each - inward)
+    return first * each, last * each
 
 
 def _rises(size: Array) -> bool:
