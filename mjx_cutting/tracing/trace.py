@@ -13,6 +13,7 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.cutting.effects.broken_tooth import BrokenTooth
 from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.every_pass import every_pass
+from mjx_cutting.tracing.fitting.unsaid_filter import as_filtered
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
 from mjx_cutting.tracing.passes import Pass, missing, near_floor, without_names
@@ -72,8 +73,10 @@ def trace(
     _check(dataset)
     dataset, filled = without_dropouts(dataset)
     dataset, replaced = without_spikes(dataset)
+    with _platform.x64():
+        dataset, band_hz, unsaid = as_filtered(dataset, band_hz)
     found = _with_every_trial_or_one_less(dataset, band_hz, effects, seed, progress)
-    return replace(found, caveats=(*found.caveats, *filled, *replaced))
+    return replace(found, caveats=(*found.caveats, *filled, *replaced, *unsaid))
 
 
 def _with_every_trial_or_one_less(
