@@ -101,7 +101,7 @@ class ForceModel(eqx.Module):
         return force, own, lag, self._even_turn(own[:, None, None] + lag, cut)
 
     def _even_turn(self, angle: Array, cut: Cut) -> tuple[Array, Array] | None:
-        if all(type(effect).ahead is AbstractEffect.ahead for effect in self.effects):
+        if all(effect.ahead(angle) is None for effect in self.effects):
             return None
 
         def ahead(angle: Array) -> Array:

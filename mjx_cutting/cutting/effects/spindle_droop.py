@@ -91,9 +91,11 @@ class SpindleDroop(AbstractEffect):
         return cut.replace(angle_rad=angle + gained * (1.0 - jnp.asarray(cut.angle_holds_ripple)))
 
     def swung(self, torque: Array, cut: Cut, model: ForceModel) -> SpindleDroop:
+        if self._follows_the_mean:
+            return self
         speed = jnp.asarray(self.spindle(cut, model).spindle_speed_rev_s)
-        bandwidth_hz = jnp.asarray(self.bandwidth_hz)
-        answer = bandwidth_hz / (bandwidth_hz + 1j * jnp.arange(torque.shape[0]) * speed)
+        bandwidth_hz, order = jnp.asarray(self.bandwidth_hz), jnp.maximum(jnp.arange(torque.shape[0]), 1)
+        answer = bandwidth_hz / (bandwidth_hz + 1j * order * speed)
         turn = ahead(-jnp.asarray(self.droop_rev_s_nm) / speed * torque, answer)
         return eqx.tree_at(lambda effect: effect.turn, self, turn, is_leaf=lambda leaf: leaf is None)
 
@@ -120,10 +122,17 @@ class SpindleDroop(AbstractEffect):
         self, state: Any, force: Array, cut: Cut, dt_s: ArrayLike, model: ForceModel
     ) -> tuple[Any, Array]:
         speed, torque = self._loaded(cut, model)
-        follows = -jnp.expm1(-2.0 * jnp.pi * jnp.asarray(self.bandwidth_hz) * dt_s)
-        swing = state[1] + follows * (model.torque_z(cut) - torque - state[1])
+        swing = state[1]
+        if not self._follows_the_mean:
+            follows = -jnp.expm1(-2.0 * jnp.pi * jnp.asarray(self.bandwidth_hz) * dt_s)
+            swing = swing + follows * (model.torque_z(cut) - torque - swing)
         lost = jnp.asarray(cut.spindle_speed_rev_s) - speed + self.droop_rev_s_nm * swing
         return jnp.stack([state[0] + 2.0 * jnp.pi * lost * dt_s, swing]), force
+
+    @property
+    def _follows_the_mean(self) -> bool:
+        """Whether that is known before anything is traced: then what swings is not even calculated."""
+        return isinstance(self.bandwidth_hz, float) and self.bandwidth_hz == 0.0
 
     @classmethod
     def size(cls, tool: Tool) -> int:

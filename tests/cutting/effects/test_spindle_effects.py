@@ -105,6 +105,21 @@ def test_a_motor_of_little_inertia_draws_out_its_lines_in_a_record_as_in_the_ord
     assert _left_of_a_record(steady, steady, teeth=2) < 0.004
 
 
+def test_a_motor_that_follows_the_mean_alone_is_the_limit_of_no_bandwidth_and_has_a_slope():
+    steady = np.asarray(lines_of(model(effect_class("spindle_droop")(1.5)), cut(), 16, 960))
+
+    def line(bandwidth_hz: Any) -> Any:
+        droop = effect_class("spindle_droop")(1.5, bandwidth_hz)
+        return order_lines(model(droop), cut(), 16, 960)
+
+    np.testing.assert_allclose(jax.jit(line)(0.0), steady, rtol=1e-9, atol=1e-9)
+    slope = jax.grad(lambda bandwidth_hz: jnp.abs(line(bandwidth_hz)[4, 1]))
+    near, there = (float(jax.jit(slope)(each)) for each in (0.0, 100.0))
+    assert np.isfinite(near) and there != 0.0
+    rise = (jnp.abs(line(100.1)[4, 1]) - jnp.abs(line(99.9)[4, 1])) / 0.2
+    np.testing.assert_allclose(there, rise, rtol=1e-4)
+
+
 def test_teeth_that_differ_take_chips_by_the_time_since_the_tooth_before():
     """A tooth that reaches far slows the motor, so what comes behind it takes more."""
     runout = effect_class("radial_runout")(2e-5, 0.0)
