@@ -13,12 +13,19 @@ angle does.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
+
+from mjx_cutting.cutting.chip import Chip, edge_lags
+from mjx_cutting.cutting.cut import Cut
+
+if TYPE_CHECKING:
+    from mjx_cutting.cutting.model import ForceModel
 
 _FINER = 4
 _FEWEST = 256
@@ -40,6 +47,16 @@ class Ahead(eqx.Module):
     def at(self, angle_rad: ArrayLike) -> Array:
         """[...] at other angles, rad."""
         return _between(self.value, self.slope, angle_rad).value
+
+
+def chip_by_time(chip: Chip, cut: Cut, model: ForceModel, ahead_of: Callable[[Array], Array]) -> Chip:
+    """The chips that follow from the time since the tooth before passed, `ahead_of` an angle being how far
+    the tool is ahead of turning evenly there, to first order in it."""
+    pitch, cutter = 2.0 * jnp.pi / model.tool.teeth, model.cutter()
+    milling = model.tool.kind in ("end_mill", "slitting_saw")
+    angle = chip.angle_rad + (edge_lags(cutter, cut, model.tool)[0] if milling else cutter.lag_rad)
+    gained = ahead_of(angle) - ahead_of(angle - pitch)
+    return chip._replace(thickness_m=chip.thickness_m * (1.0 - gained / pitch))
 
 
 def ahead(deviation: Array, response: Array) -> Ahead:

@@ -23,11 +23,11 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.average import mean_load
-from mjx_cutting.cutting.chip import Chip, edge_lags
+from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.registry import register
-from mjx_cutting.cutting.swing import Ahead, ahead
+from mjx_cutting.cutting.swing import Ahead, ahead, chip_by_time
 from mjx_cutting.cutting.tool import Tool
 
 if TYPE_CHECKING:
@@ -103,14 +103,10 @@ class SpindleDroop(AbstractEffect):
         return None if self.turn is None else self.turn.at(angle_rad)
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
-        cutter = model.cutter()
-        if self.turn is None or cutter.even or model.tool.kind not in ("end_mill", "slitting_saw"):
-            # teeth that are alike pass at even times
+        # teeth that are alike pass at even times
+        if self.turn is None or model.cutter().even:
             return chip
-        pitch = 2.0 * jnp.pi / model.tool.teeth
-        angle = chip.angle_rad + edge_lags(cutter, cut, model.tool)[0]
-        gained = self.turn.at(angle) - self.turn.at(angle - pitch)
-        return chip._replace(thickness_m=chip.thickness_m * (1.0 - gained / pitch))
+        return chip_by_time(chip, cut, model, self.turn.at)
 
     def init(self, model: ForceModel) -> Any:
         return jnp.zeros(2)

@@ -15,11 +15,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting.chip import Chip, edge_lags
+from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.cut import Cut
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
 from mjx_cutting.cutting.effects.coordinates import polar
 from mjx_cutting.cutting.effects.registry import register
+from mjx_cutting.cutting.swing import chip_by_time
 from mjx_cutting.cutting.tool import Tool
 
 if TYPE_CHECKING:
@@ -62,12 +63,7 @@ class TorqueRipple(AbstractEffect):
         return turned * jnp.asarray(self.amplitude) / order
 
     def chip(self, chip: Chip, cut: Cut, model: ForceModel) -> Chip:
-        pitch = 2.0 * jnp.pi / model.tool.teeth
-        cutter = model.cutter()
-        milling = model.tool.kind in ("end_mill", "slitting_saw")
-        angle = chip.angle_rad + (edge_lags(cutter, cut, model.tool)[0] if milling else cutter.lag_rad)
-        gained = self.ahead(angle) - self.ahead(angle - pitch)
-        return chip._replace(thickness_m=chip.thickness_m * (1.0 - gained / pitch))
+        return chip_by_time(chip, cut, model, self.ahead)
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> TorqueRipple:
