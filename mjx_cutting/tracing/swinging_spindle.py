@@ -22,7 +22,7 @@ from mjx_cutting.tracing.along.slow_round import SlowCandidate
 from mjx_cutting.tracing.before_others import with_droop
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.prediction import droop_of, without_droop
-from mjx_cutting.tracing.fitting.swinging import Swinging
+from mjx_cutting.tracing.fitting.swinging import AT_ONCE_HZ, Swinging
 from mjx_cutting.tracing.naming.intervals import Interval, interval
 from mjx_cutting.tracing.passes import Pass, missing, near_floor
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -82,7 +82,8 @@ def _of_one_droop(found: Pass) -> Pass:
     effect = SpindleDroop(told.value, bandwidth)
     decision = replace(named.decision, parameters={_STRENGTH: told})
     one = replace(named, effect=effect, decision=decision)
-    said = f"the spindle follows the torque within the turn, up to about {bandwidth:.2g} Hz"
+    far = "at once" if bandwidth > 0.5 * AT_ONCE_HZ else f"up to about {bandwidth:.2g} Hz"
+    said = f"the spindle follows the torque within the turn, {far}"
     return replace(
         found,
         model=without_droop(found.model).with_effects(effect),

@@ -17,7 +17,8 @@ from mjx_cutting.cutting import Tool
 from mjx_cutting.cutting.effects.spindle_droop import UnderLoad
 
 _TYPICAL_HZ = 1000.0
-_AT_ONCE_HZ = 5e5
+AT_ONCE_HZ = 5e5
+"""The highest bandwidth that is told from an answer at once."""
 
 
 class Swinging(UnderLoad):
@@ -30,7 +31,7 @@ class Swinging(UnderLoad):
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> Swinging:
         """Coordinates log droop and the root of the lag: an answer at once is no end of a range."""
-        lag = jnp.maximum(coordinates[1] ** 2, _TYPICAL_HZ / _AT_ONCE_HZ)
+        lag = jnp.maximum(coordinates[1] ** 2, _TYPICAL_HZ / AT_ONCE_HZ)
         return cls(jnp.exp(coordinates[0]), _TYPICAL_HZ / lag)
 
     @classmethod

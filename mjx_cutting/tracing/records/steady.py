@@ -28,11 +28,9 @@ Array = NDArray[np.floating]
 
 def steady(force: Array) -> slice:
     """Samples in full engagement of a record [T, 3]: all, where it shows too few in the cut to tell."""
-    size, usual = sizes(force)
-    inside = np.flatnonzero(size > IN_CUT * usual)
-    if len(inside) < _FEWEST:
+    size, first, last = _in_the_cut(force)
+    if last == 0:
         return slice(None)
-    first, last = int(inside[0]), int(inside[-1]) + 1
     if (bends := _between_ramps(size[first:last])) is not None:
         up, down = bends
         inward = int(_SHORTEST * (down - up))
@@ -47,15 +45,21 @@ def steady(force: Array) -> slice:
 
 def bend_in(force: Array) -> int | None:
     """Sample of a record [T, 3] at which it bends from a ramp into its level; None where it shows no bend."""
-    size, usual = sizes(force)
-    inside = np.flatnonzero(size > IN_CUT * usual)
-    if len(inside) < _FEWEST:
+    size, first, last = _in_the_cut(force)
+    if last == 0:
         return None
-    first, last = int(inside[0]), int(inside[-1]) + 1
     if (bends := _between_ramps(size[first:last])) is not None:
         return first + bends[0]
     bend, each = _bend(size[first : last - int(_TRIMMED * (last - first))])
     return first + bend * each if bend else None
+
+
+def _in_the_cut(force: Array) -> tuple[Array, int, int]:
+    """[T] size of the force, the first sample in the cut and the one after the last; 0 and 0 where too few
+    are to tell."""
+    size, usual = sizes(force)
+    inside = np.flatnonzero(size > IN_CUT * usual)
+    return (size, 0, 0) if len(inside) < _FEWEST else (size, int(inside[0]), int(inside[-1]) + 1)
 
 
 def sizes(force: Array) -> tuple[Array, float]:
