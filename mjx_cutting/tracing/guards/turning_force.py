@@ -2,7 +2,9 @@
 
 What the cut itself repeats once a turn (under a dull or a chipped tooth, say) is of a size that has nothing
 to do with the speed, and is taken for an unbalance where it turns like one. An unbalance passes only where a
-line of the spindle on both radial axes, the same at every speed, does not leave clearly less.
+line of the spindle on both radial axes, the same at every speed, does not leave clearly less. A runout's line
+is as large at any speed too, but of one shape along the axes, and it comes with lines at the other multiples
+of the spindle; one that leaves twice what such a line leaves is not what turns.
 """
 
 from __future__ import annotations
@@ -16,11 +18,14 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel
 from mjx_cutting.cutting.effects import Parameter
+from mjx_cutting.cutting.effects.radial_runout import RadialRunout
 from mjx_cutting.cutting.effects.unbalance import Unbalance
 from mjx_cutting.tracing.guards.gain import Gain
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _CLEARLY = 10.0
 _PART = 0.1
+_TIMES = 2.0
 
 
 class TurningForce(AbstractEffect):
@@ -47,13 +52,18 @@ class TurningForce(AbstractEffect):
 
 
 def rather_at_any_speed(gain: Gain) -> str | None:
-    """Why an unbalance is refused that a line of the same size at every speed does better than; None where it
-    does not, or it is none."""
+    """Why an unbalance, or a runout of a milling tool, is refused that a line of the same size at every speed
+    does better than; None where it does not, or it is neither."""
     problem = gain.problem
-    if gain.kind is not Unbalance or np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) == 0.0:
+    speeds_differ = np.ptp(np.asarray(problem.cut.spindle_speed_rev_s)) > 0.0
+    unbalance = gain.kind is Unbalance and speeds_differ
+    runout = gain.kind is RadialRunout and problem.tool.kind not in LEVEL_KINDS
+    if not (unbalance or runout):
         return None
     left, found = gain.squares_with(TurningForce), float(gain.found.squares)
     if found - left <= max(_CLEARLY, _PART * (float(gain.before.squares) - found)):
         return None
     ratio = found / max(left, 1e-300)
+    if runout and ratio < _TIMES:
+        return None
     return f"a line of the spindle that is as large at any speed leaves {ratio:.1f} times less"

@@ -1,4 +1,5 @@
-"""A force that turns with the spindle is an unbalance only where it goes with the square of the speed."""
+"""A force that turns with the spindle is an unbalance only where it goes with the square of the speed, and a
+runout only where its lines are those of a runout."""
 
 from __future__ import annotations
 
@@ -60,9 +61,10 @@ def _slots(*effects) -> Dataset:
     ],
     ids=["as large at any speed", "with the square of the speed", "beside runout"],
 )
-def test_an_unbalance_goes_with_the_square_of_the_speed(hidden, named):
+def test_a_force_that_turns_is_named_by_what_goes_with_it(hidden, named):
     found = trace(_slots(*hidden), effects=("unbalance", "radial_runout"))
     assert sorted(each["name"] for each in found.verdict["effects"]) == named
     if not named:
         tried = {each.kind.name: each.decision.reasons for each in found.search.rounds[0].candidates}
-        assert any("as large at any speed" in why for why in tried["unbalance"])
+        for name in ("unbalance", "radial_runout"):
+            assert any("as large at any speed" in why for why in tried[name])
