@@ -37,6 +37,7 @@ _POOR = 0.05
 _BETTER = 1.0 / 3.0
 _WORTH_A_LOOK = 0.7
 _EFFECTS = 4
+_TELLS = 0.1
 _ABOUT_AS_WELL = 1.3
 _CLEARLY_LESS = 0.25
 _NEARLY_ALL = 0.1
@@ -127,7 +128,7 @@ def reading_with_an_effect(
     Arguments:
         screened: effects as they were looked at beside the base model on the forces as they are; those that
             explain most of them, or of them read as the base model alone fits best, are tried in every way
-            that it fits about as well.
+            that it fits about as well. One that explains next to nothing in both is in neither.
         left: relative error of the model found.
     """
     if dataset.tool.kind in LEVEL_KINDS or problem.motion is not None or left < _POOR or not screened:
@@ -140,6 +141,8 @@ def reading_with_an_effect(
         looked_for = [each.kind for each in screened]
         there = _leading(screen(fits_best.problem, (), jnp.asarray(fits_best.x), looked_for))
         kinds += [kind for kind in there if kind not in kinds]
+    if not kinds:
+        return None
     tried: list[tuple[float, _Way]] = []
     for way in ways:
         if way.error < _ABOUT_AS_WELL * lowest:
@@ -156,8 +159,9 @@ def reading_with_an_effect(
 
 
 def _leading(screened: Sequence[Screened]) -> list[type[AbstractEffect]]:
-    """The effects that explain most, of those looked at."""
-    return [each.kind for each in sorted(screened, key=lambda each: -each.share)[:_EFFECTS]]
+    """The effects that explain most, of those looked at that explain anything worth the name."""
+    told = [each for each in screened if each.share >= _TELLS]
+    return [each.kind for each in sorted(told, key=lambda each: -each.share)[:_EFFECTS]]
 
 
 class _Way(NamedTuple):

@@ -120,6 +120,15 @@ def test_a_reading_is_looked_at_in_which_one_effect_of_two_leaves_clearly_less(
     assert (None if found is None else found.axes) == read
 
 
+def test_no_reading_is_looked_at_beside_effects_that_explain_next_to_nothing(mill, monkeypatch):
+    """As is, the forces fit best, and the effect that tells most takes a twentieth of what is left."""
+    kinds = [SimpleNamespace(kind=effect_class("torque_ripple"), share=0.05)]
+    fitted = lambda problem, lines, way: axes._Way(way, way, np.zeros(1), 0.12)  # noqa: E731
+    monkeypatch.setattr(axes, "_fitted", fitted)
+    monkeypatch.setattr(axes, "screen", lambda *_: pytest.fail("looked at an effect that tells nothing"))
+    assert axes.reading_with_an_effect(mill(), None, SimpleNamespace(motion=None), kinds, 0.11) is None
+
+
 def test_forces_that_fit_as_they_are_are_left_alone(mill):
     assert _reading(mill(Hidden(runout_m=2e-5))) is None
 
