@@ -13,6 +13,8 @@ from mjx_cutting.cutting import effect_class
 from mjx_cutting.cutting.effects.broken_tooth import BrokenTooth
 from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.every_pass import every_pass
+from mjx_cutting.tracing.exchanged import exchanged, two_unlike
+from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.unsaid_filter import as_filtered
 from mjx_cutting.tracing.once import once
 from mjx_cutting.tracing.one_material import of_one_material
@@ -86,14 +88,18 @@ def _with_every_trial_or_one_less(
     seed: int,
     progress: Callable[[str], None],
 ) -> Tracing:
-    """`trace` of checked trials: of all, without one spoiled, or their columns read otherwise if need be."""
+    """`trace` of checked trials: of all, without one spoiled, with two exchanged, or their columns read
+    otherwise, if need be."""
     said = dataset.axes
     found = _trace(dataset, said, band_hz, effects, seed, progress)
 
+    def tried() -> list[tuple[HeldOut, HeldOut]]:
+        along = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
+        steady = [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
+        return along + steady
+
     def less_one() -> Tracing:
-        tried = [(each.before, one.heldout) for each in found.slow[-1:] for one in each.candidates]
-        tried += [(each.before, one.heldout) for each in found.search.rounds[-1:] for one in each.candidates]
-        one = spoiled(found.dataset, found.final, tried, found.floor_nrmse)
+        one = spoiled(found.dataset, found.final, tried(), found.floor_nrmse)
         if one is None or _settled(found) == _CLOSED:
             return found
         progress(f"once more, without {one.file}")
@@ -102,6 +108,12 @@ def _with_every_trial_or_one_less(
     fewer = less_one()
     if _settled(fewer) == _CLOSED:
         return fewer
+    left = [found.final, *(after for _, after in tried())]
+    if (pair := two_unlike(found.dataset, left, found.floor_nrmse)) is not None:
+        progress(f"once more, {pair.first} and {pair.second} exchanged")
+        again = _trace(exchanged(dataset, pair), said, band_hz, effects, seed, progress)
+        if _settled(again) == _CLOSED or again.final.nrmse < _CLEARER * fewer.final.nrmse:
+            return replace(again, caveats=(*again.caveats, str(pair)))
     if (reading := found.reading or _reading(found)) is not None:
         progress(f"once more, the columns of force read as {list(reading.axes)}")
         otherwise = read_as(dataset, reading.axes)
