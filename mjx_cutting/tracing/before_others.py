@@ -11,6 +11,7 @@ from mjx_cutting.tracing.along.droop import find_droop
 from mjx_cutting.tracing.along.offset import find_offset
 from mjx_cutting.tracing.along.ripple_in_angle import find_ripple
 from mjx_cutting.tracing.along.slow_round import BeforeOthers
+from mjx_cutting.tracing.naming.lesser_part import rather_the_rest
 from mjx_cutting.tracing.passes import Pass
 
 
@@ -20,9 +21,13 @@ def with_droop(found: Pass) -> Pass:
 
 
 def with_offset(found: Pass) -> Pass:
-    """A force that is late against the measured angle: every fit left the phases free."""
+    """A force that is late against the measured angle: every fit left the phases free. A resonance turns them
+    too, so what leaves nearly all that is missing is refused."""
     late = find_offset(found.dataset, found.lines, found.search, found.final, found.before, found.after)
-    return _before_the_others(found, late)
+    if late is None or late.round.accepted is None:
+        return found
+    lesser = rather_the_rest(late.round.before, late.round.accepted.heldout, found.floor_nrmse)
+    return found if lesser else _before_the_others(found, late)
 
 
 def with_ripple(found: Pass) -> Pass:

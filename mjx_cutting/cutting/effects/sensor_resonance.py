@@ -1,7 +1,8 @@
 """Resonance of the transducer: lines near its natural frequency are inflated, at a fixed frequency in Hz.
 
 H(f) = 1 / (1 - r^2 + 2 j zeta r), r = f / f_n, of x. Along the tool's axis a transducer is often stiffer or
-softer, and across the feed as well: there frequency and damping are multiples of those. Signature: every line
+softer, and across the feed as well: there frequency and damping are multiples of those. One that resonates
+far beyond all that is heard is stiff there, and passes the force as it is. Signature: every line
 near f_n grows whatever the spindle speed or the pose. Confused with a mode of the robot, which moves with the
 pose: a tap test decides.
 """
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 TYPICAL_HZ = 400.0
 BEYOND_HZ = 1e12
+STIFF = 1e6
+"""Ratio of frequencies along an axis on which the transducer does not resonate."""
+_MOST = 10.0 * STIFF
 
 
 @register
@@ -35,8 +39,8 @@ class SensorResonance(AbstractEffect):
 
     Fields: `frequency_hz` [] natural frequency f_n, Hz; `damping` [] damping ratio zeta, above 0 and below 1;
     `axial_frequency_ratio`, `axial_damping_ratio` [] times these, they are those of z, and times
-    `lateral_frequency_ratio`, `lateral_damping_ratio` [] those of y; 1 where all axes are alike. A fit begins
-    with all alike.
+    `lateral_frequency_ratio`, `lateral_damping_ratio` [] those of y; 1 where all axes are alike, a frequency
+    ratio of `STIFF` where an axis does not resonate. A fit begins with all alike.
     """
 
     name = "sensor_resonance"
@@ -53,9 +57,13 @@ class SensorResonance(AbstractEffect):
             source="100-1500 Hz at a robot's wrist, to 5 kHz under a plate on a table, working knowledge",
         ),
         "damping": Parameter("1", 0.005, 0.5, None, 0.05, log=True, source="0.5-50 %, working knowledge"),
-        "axial_frequency_ratio": Parameter("1", 0.25, 4.0, 1.0, log=True, source="working knowledge"),
+        "axial_frequency_ratio": Parameter(
+            "1", 0.25, _MOST, 1.0, log=True, source="to 4, working knowledge; 1e6: stiff"
+        ),
         "axial_damping_ratio": Parameter("1", 0.1, 10.0, 1.0, log=True, source="working knowledge"),
-        "lateral_frequency_ratio": Parameter("1", 0.25, 4.0, 1.0, log=True, source="working knowledge"),
+        "lateral_frequency_ratio": Parameter(
+            "1", 0.25, _MOST, 1.0, log=True, source="to 4, working knowledge; 1e6: stiff"
+        ),
         "lateral_damping_ratio": Parameter("1", 0.1, 10.0, 1.0, log=True, source="working knowledge"),
     }
     sharp = ("frequency_hz",)

@@ -48,3 +48,13 @@ class Place:
         if p > CHANCE or after.nrmse >= fewer.heldout.nrmse:
             return fewer
         return judged(self.contest, effects, more, after, self.before, self.before_heldout)
+
+    def instead(self, found: Candidate, kind: type[AbstractEffect], start: NDArray[np.floating]) -> Candidate:
+        """A `kind` of as many unknowns, fitted from `start` [U], where that leaves less when held out."""
+        problem, lines, fold = self.contest.problem, self.contest.lines, self.contest.fold
+        effects = (*self.beside, kind)
+        x = Descent(problem, effects).descend(start, _STEPS)[0]
+        other, after = fitted(problem, lines, effects, x, fold)
+        if after.nrmse >= found.heldout.nrmse:
+            return found
+        return judged(self.contest, effects, other, after, self.before, self.before_heldout)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from mjx_cutting.cutting.effects.sensor_resonance import STIFF
 from mjx_cutting.tracing import trace
 
 pytestmark = pytest.mark.slow
@@ -51,3 +52,14 @@ def test_a_transducer_that_is_another_on_every_axis_is_told_by_axis(hiding):
         assert values[name] == pytest.approx(hidden[name], rel=0.02)
     for name in ("damping", "axial_damping_ratio", "lateral_damping_ratio"):
         assert values[name] == pytest.approx(hidden[name], rel=0.3)
+
+
+def test_an_axis_on_which_the_transducer_does_not_resonate_is_stiff(hiding):
+    """At so high a frequency along z that no number tells it, of which the range has no end to run to."""
+    hidden = {"frequency_hz": 420.0, "damping": 0.05, "axial_frequency_ratio": 50.0}
+    found = trace(hiding({"sensor_resonance": hidden}), effects=("robot_mode", "sensor_resonance"))
+    (named,) = found.verdict["effects"]
+    assert (found.verdict["verdict"], named["name"]) == ("explained", "sensor_resonance")
+    values = {name: each["value"] for name, each in named["parameters"].items()}
+    assert values["frequency_hz"] == pytest.approx(420.0, rel=0.01)
+    assert (values["axial_frequency_ratio"], values["lateral_frequency_ratio"]) == (STIFF, 1.0)
