@@ -12,6 +12,7 @@ from mjx_cutting.tracing.guards.share_of_lines import rather_unlike
 from mjx_cutting.tracing.guards.smeared import rather_smeared
 from mjx_cutting.tracing.guards.sudden import rather_sudden
 from mjx_cutting.tracing.guards.turning_force import rather_at_any_speed
+from mjx_cutting.tracing.guards.uneven_radii import rather_at_any_feed
 from mjx_cutting.tracing.guards.within_a_sample import rather_the_reading
 
 GUARDS = (
@@ -25,6 +26,7 @@ GUARDS = (
     rather_at_any_speed,
     rather_multiplied,
     rather_sudden,
+    rather_at_any_feed,
 )
 
 
