@@ -37,15 +37,24 @@ class Exchange(NamedTuple):
         )
 
 
-def two_unlike(dataset: Dataset, left: Sequence[HeldOut], floor_nrmse: float) -> Exchange | None:
+def two_unlike(
+    dataset: Dataset, traced: Dataset, left: Sequence[HeldOut], floor_nrmse: float
+) -> Exchange | None:
     """The two cut trials that hold most of what is left beyond noise, cut otherwise than each other; None
     where there are none.
 
-    Arguments: the trials; the error on held-out cut trials, in their order, of the models to look at, one
-        after another; the share of force that noise is.
+    Arguments:
+        dataset: the trials as they were given; `traced` as they were traced, one that broke in parts.
+        left: error on held-out cut trials of `traced`, in their order, of the models to look at, one after
+            another.
+        floor_nrmse: share of the force that noise is.
     """
-    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    return next((pair for each in left if (pair := _beside(cuts, each, floor_nrmse)) is not None), None)
+    cuts, given = [trial for trial in traced.trials if trial.kind == "cut"], {t.file for t in dataset.trials}
+    for each in left:
+        pair = _beside(cuts, each, floor_nrmse)
+        if pair is not None and given.issuperset(pair):
+            return pair
+    return None
 
 
 def _beside(cuts: Sequence[Trial], left: HeldOut, floor_nrmse: float) -> Exchange | None:

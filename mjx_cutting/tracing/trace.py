@@ -109,7 +109,7 @@ def _with_every_trial_or_one_less(
     if _settled(fewer) == _CLOSED:
         return fewer
     left = [found.final, *(after for _, after in tried())]
-    if (pair := two_unlike(found.dataset, left, found.floor_nrmse)) is not None:
+    if (pair := two_unlike(dataset, found.dataset, left, found.floor_nrmse)) is not None:
         progress(f"once more, {pair.first} and {pair.second} exchanged")
         again = _trace(exchanged(dataset, pair), said, band_hz, effects, seed, progress)
         if _settled(again) == _CLOSED or again.final.nrmse < _CLEARER * fewer.final.nrmse:

@@ -57,7 +57,8 @@ def test_an_exchange_keeps_every_record_with_its_file(mill):
     ids=["two", "one", "not most of it", "all"],
 )
 def test_two_trials_are_looked_at_where_they_hold_most_of_what_is_left(mill, error, pair):
-    assert two_unlike(mill(), [_left([1.0] * 6), _left(error)], 0.0) == pair
+    dataset = mill()
+    assert two_unlike(dataset, dataset, [_left([1.0] * 6), _left(error)], 0.0) == pair
 
 
 def test_two_trials_under_the_same_conditions_have_nothing_to_exchange(mill):
@@ -66,5 +67,13 @@ def test_two_trials_under_the_same_conditions_have_nothing_to_exchange(mill):
     again = replace(first, file=second.file, time_s=second.time_s, force_n=second.force_n)
     alike = replace(dataset, trials=(first, again, *rest))
     left = [_left([40.0, 30.0, 1.0, 1.0, 1.0, 1.0])]
-    assert two_unlike(alike, left, 0.0) is None
-    assert two_unlike(dataset, left, 0.0) == Exchange(first.file, second.file)
+    assert two_unlike(alike, alike, left, 0.0) is None
+    assert two_unlike(dataset, dataset, left, 0.0) == Exchange(first.file, second.file)
+
+
+def test_parts_of_a_trial_that_broke_are_no_files(mill):
+    dataset = mill()
+    first, *rest = dataset.trials
+    parts = replace(dataset, trials=(replace(first, file=f"{first.file}, until 0.2 s"), *rest))
+    left = [_left([40.0, 30.0, 1.0, 1.0, 1.0, 1.0])]
+    assert two_unlike(dataset, parts, left, 0.0) is None
