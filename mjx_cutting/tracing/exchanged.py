@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.spoiled import beyond_noise
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _FEWEST = 5
@@ -59,11 +60,9 @@ def two_unlike(
 
 def _beside(cuts: Sequence[Trial], left: HeldOut, floor_nrmse: float) -> Exchange | None:
     """The two trials beside one model."""
-    energy = left.energy_n2.sum(axis=1)
-    error = np.maximum(left.error_n2.sum(axis=1) - floor_nrmse**2 * energy, 0.0)
+    error, share = beyond_noise(left, floor_nrmse)
     if not _FEWEST <= len(error) == len(cuts):
         return None
-    share = np.sqrt(error / np.maximum(energy, 1e-300))
     *others, second, first = np.argsort(error)
     if error[first] + error[second] < _MOST_OF_IT * error.sum():
         return None

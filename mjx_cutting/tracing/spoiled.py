@@ -45,9 +45,7 @@ def spoiled(
         floor_nrmse: share of the force that noise is, which is missing nowhere.
     """
     files = [trial.file for trial in dataset.trials if trial.kind == "cut"]
-    energy = left.energy_n2.sum(axis=1)
-    error = np.maximum(left.error_n2.sum(axis=1) - floor_nrmse**2 * energy, 0.0)
-    share = np.sqrt(error / np.maximum(energy, 1e-300))
+    error, share = beyond_noise(left, floor_nrmse)
     if not _FEWEST <= len(error) == len(files):
         return None
     beside = None if dataset.tool.kind in LEVEL_KINDS else _of_the_others(left, floor_nrmse)
@@ -64,6 +62,14 @@ def spoiled(
     if not unlike or share[worst] <= floor_nrmse:
         return next((one for each in tried if (one := _opposed(files, *each)) is not None), None)
     return _unlike(files[worst], share[worst], usual)
+
+
+def beyond_noise(left: HeldOut, floor_nrmse: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """[R] squared error of each trial beyond noise, which is `floor_nrmse` of the force, N^2, and [R] the
+    share of its force that is."""
+    energy = left.energy_n2.sum(axis=1)
+    error = np.maximum(left.error_n2.sum(axis=1) - floor_nrmse**2 * energy, 0.0)
+    return error, np.sqrt(error / np.maximum(energy, 1e-300))
 
 
 def _alone_against(files: Sequence[str], tried: Sequence[HeldOut], floor_nrmse: float) -> int | None:

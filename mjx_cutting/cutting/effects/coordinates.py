@@ -17,6 +17,11 @@ def polar(x: Array, y: Array) -> tuple[Array, Array]:
     return length, jnp.where(still, 0.0, jnp.arctan2(y, jnp.where(still, 1.0, x)))
 
 
+def with_no_sum(free: Array) -> Array:
+    """[N] values of all teeth, of which those of all but the last are `free` [N - 1]: their sum is nil."""
+    return jnp.concatenate([free, -jnp.sum(free, keepdims=True)])
+
+
 def retuned(coordinates: np.ndarray, index: int) -> np.ndarray:
     """[16, size] the coordinates with the one at `index`, the logarithm of a frequency, moved to either side:
     few lines beside a resonance are met nearly as well from the wrong side of one of them."""

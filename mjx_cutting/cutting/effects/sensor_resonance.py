@@ -2,9 +2,9 @@
 
 H(f) = 1 / (1 - r^2 + 2 j zeta r), r = f / f_n, of x. Along the tool's axis a transducer is often stiffer or
 softer, and across the feed as well: there frequency and damping are multiples of those. One that resonates
-far beyond all that is heard is stiff there, and passes the force as it is. Signature: every line
-near f_n grows whatever the spindle speed or the pose. Confused with a mode of the robot, which moves with the
-pose: a tap test decides.
+far beyond all that is heard is stiff there, and passes the force as it is. Signature: every line near f_n
+grows whatever the spindle speed or the pose. Confused with a mode of the robot, which moves with the pose: a
+tap test decides.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.chip import Cutter
 from mjx_cutting.cutting.effects.abstract import AbstractEffect, Parameter
+from mjx_cutting.cutting.effects.coordinates import with_no_sum
 from mjx_cutting.cutting.effects.registry import register
 from mjx_cutting.cutting.tool import Tool
 
@@ -58,8 +59,7 @@ class UnequalPitch(AbstractEffect):
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> UnequalPitch:
         """Coordinates: errors of all gaps but the last, in units of 0.02 rad; the last closes the turn."""
-        free = TYPICAL_RAD * coordinates
-        return cls(jnp.concatenate([free, -jnp.sum(free, keepdims=True)]))
+        return cls(with_no_sum(TYPICAL_RAD * coordinates))
 
     @classmethod
     def starts(cls, tool: Tool) -> np.ndarray:

@@ -18,6 +18,7 @@ from jax.typing import ArrayLike
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.cutting.chip import Cutter
 from mjx_cutting.cutting.effects import Parameter
+from mjx_cutting.cutting.effects.coordinates import with_no_sum
 from mjx_cutting.cutting.effects.radial_runout import TYPICAL_M
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
 from mjx_cutting.tracing.guards.gain import Gain
@@ -54,8 +55,7 @@ class UnevenRadii(AbstractEffect):
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> UnevenRadii:
         """Coordinates: offsets of all teeth but the last, in units of 10 um; their sum is nil."""
-        free = TYPICAL_M * coordinates
-        return cls(jnp.concatenate([free, -jnp.sum(free, keepdims=True)]))
+        return cls(with_no_sum(TYPICAL_M * coordinates))
 
 
 def rather_at_any_feed(gain: Gain) -> str | None:

@@ -39,22 +39,25 @@ class Place:
 
         Arguments: `starts` [n] of unknowns [U] of the whole model.
         """
-        problem, lines, fold = self.contest.problem, self.contest.lines, self.contest.fold
-        known, effects = (*self.beside, fewer.kind), (*self.beside, kind)
-        descent = Descent(problem, effects)
-        best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
-        more, after = fitted(problem, lines, effects, best, fold)
-        p = beyond_chance(problem, lines, known, fewer.fit, effects, more, len(starts))
+        contest, effects = self.contest, (*self.beside, kind)
+        more, after = self._fitted(effects, starts)
+        known = (*self.beside, fewer.kind)
+        p = beyond_chance(contest.problem, contest.lines, known, fewer.fit, effects, more, len(starts))
         if p > CHANCE or after.nrmse >= fewer.heldout.nrmse:
             return fewer
-        return judged(self.contest, effects, more, after, self.before, self.before_heldout)
+        return judged(contest, effects, more, after, self.before, self.before_heldout)
 
     def instead(self, found: Candidate, kind: type[AbstractEffect], start: NDArray[np.floating]) -> Candidate:
         """A `kind` of as many unknowns, fitted from `start` [U], where that leaves less when held out."""
-        problem, lines, fold = self.contest.problem, self.contest.lines, self.contest.fold
         effects = (*self.beside, kind)
-        x = Descent(problem, effects).descend(start, _STEPS)[0]
-        other, after = fitted(problem, lines, effects, x, fold)
+        other, after = self._fitted(effects, [start])
         if after.nrmse >= found.heldout.nrmse:
             return found
         return judged(self.contest, effects, other, after, self.before, self.before_heldout)
+
+    def _fitted(self, effects: Effects, starts: Sequence[NDArray[np.floating]]) -> tuple[Fit, HeldOut]:
+        """The fit from the best of `starts` [U] to all trials, and the error on held-out ones."""
+        contest = self.contest
+        descent = Descent(contest.problem, effects)
+        best = min((descent.descend(start, _STEPS) for start in starts), key=lambda each: each[1])[0]
+        return fitted(contest.problem, contest.lines, effects, best, contest.fold)
