@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjx_cutting import _platform
-from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, order_lines
+from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
 from mjx_cutting.cutting.effects import RadialRunout, Unbalance
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.guards.turning_force import TurningForce
@@ -19,7 +18,7 @@ FLAT = TurningForce(np.array([1.5, 0.8, -0.6, 1.2]))
 OFF_CENTRE = Unbalance(1.2e-5, 0.7)
 
 
-def _slots(*effects) -> Dataset:
+def _slots(by_lines, *effects) -> Dataset:
     """Slots at two speeds and three feeds, of which nothing but the effects repeats once a turn."""
     model = ForceModel(
         Tool("end_mill", TEETH, DIAMETER_M), Material(4e7, 4e3, 1.5e7, 2e3, 4e6, 500.0), effects
@@ -30,10 +29,7 @@ def _slots(*effects) -> Dataset:
             feed = chip * TEETH * speed
             orders = int(0.499 * RATE_HZ / speed)
             cut = Cut(0.0, speed, feed, DIAMETER_M, 0.006, 0.0, np.pi)
-            with _platform.x64():
-                lines = np.asarray(order_lines(model, cut, orders, 64 * TEETH))
-            turns = np.exp(1j * np.outer(speed * 2.0 * np.pi * time_s + len(trials), np.arange(orders + 1)))
-            force = 2.0 * np.real(turns @ lines) - np.real(lines[0])
+            force = by_lines(model, cut, orders, time_s, len(trials))
             trials.append(
                 Trial(
                     file=f"t{len(trials)}.csv",
@@ -61,8 +57,8 @@ def _slots(*effects) -> Dataset:
     ],
     ids=["as large at any speed", "with the square of the speed", "beside runout"],
 )
-def test_a_force_that_turns_is_named_by_what_goes_with_it(hidden, named):
-    found = trace(_slots(*hidden), effects=("unbalance", "radial_runout"))
+def test_a_force_that_turns_is_named_by_what_goes_with_it(by_lines, hidden, named):
+    found = trace(_slots(by_lines, *hidden), effects=("unbalance", "radial_runout"))
     assert sorted(each["name"] for each in found.verdict["effects"]) == named
     if not named:
         tried = {each.kind.name: each.decision.reasons for each in found.search.rounds[0].candidates}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, order_lines
+from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
 from mjx_cutting.cutting.effects import RadialRunout, UnequalPitch
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.guards.gain import Gain
@@ -22,7 +22,7 @@ STEPS = np.random.default_rng(1).normal(size=TEETH)
 squares_with = Gain.squares_with
 
 
-def _sawn(*effects) -> Dataset:
+def _sawn(by_lines, *effects) -> Dataset:
     """Cuts of a saw at three feeds, twice, of which nothing but the effects repeats once a turn."""
     tool = Tool("slitting_saw", TEETH, DIAMETER_M)
     model = ForceModel(tool, Material(8e8, 9e3, 3e8, 7e3, 5e7, 1e3), effects)
@@ -32,10 +32,7 @@ def _sawn(*effects) -> Dataset:
     for index, chip in enumerate(CHIPS_M * 2):
         feed = chip * TEETH * SPEED
         cut = Cut(0.0, SPEED, feed, DEPTH_M, 0.0015, 0.0, exit_rad)
-        with _platform.x64():
-            lines = np.asarray(order_lines(model, cut, orders, 64 * TEETH))
-        turns = np.exp(1j * np.outer(SPEED * 2.0 * np.pi * time_s + index, np.arange(orders + 1)))
-        force = 2.0 * np.real(turns @ lines) - np.real(lines[0])
+        force = by_lines(model, cut, orders, time_s, index)
         trials.append(
             Trial(
                 file=f"t{index}.csv",
@@ -54,12 +51,12 @@ def _sawn(*effects) -> Dataset:
 
 
 @pytest.mark.slow
-def test_an_unequal_pitch_is_named(monkeypatch):
+def test_an_unequal_pitch_is_named(by_lines, monkeypatch):
     told = []
     monkeypatch.setattr(
         Gain, "squares_with", lambda gain, kind: told.append(kind) or squares_with(gain, kind)
     )
-    found = trace(_sawn(UnequalPitch(0.02 * STEPS)), effects=("unequal_pitch",))
+    found = trace(_sawn(by_lines, UnequalPitch(0.02 * STEPS)), effects=("unequal_pitch",))
     assert [each["name"] for each in found.verdict["effects"]] == ["unequal_pitch"]
     assert UnevenRadii in told
 
