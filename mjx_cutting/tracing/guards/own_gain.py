@@ -4,12 +4,13 @@ Whatever makes all the force of a trial larger or smaller (a material that softe
 batch beside another) is imitated in part by every effect that grows with something the trials differ in. So
 each candidate is held against an unnamed one, a factor a trial: where that explains much more, and leaves of
 the candidate little that is its own, the candidate is not the cause. No two cuts are quite alike: what
-factors do beside a candidate is such scatter, if it is small, and if factors that go with nothing would not
-follow the candidate so closely by chance. Runout, a mode, a filter change the shape of the force and pass
-beside any factor, or explain what the factors leave; a mode or a filter that does neither, however much it
-explains, is but a gain at each spindle speed. And one that does little beside the factors must take most of
-what is missing: gains that go their own way are imitated in part. Levels have no shape, so tools that have
-only those are let be.
+factors do beside a candidate is such scatter, if it is small, if factors that go with nothing would not
+follow the candidate so closely by chance, and if the candidate does not bring a shape that is not there:
+beside the factors the true one leaves no more than before. Runout, a mode, a filter change the shape of the
+force and pass beside any factor, or explain what the factors leave; a mode or a filter that does neither,
+however much it explains, is but a gain at each spindle speed. And one that does little beside the factors
+must take most of what is missing: gains that go their own way are imitated in part. Levels have no shape, so
+tools that have only those are let be.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _SHARE_OF_FREE = 0.9
 _SCATTER = 0.015
 _OWN = 0.5
 _OWN_OF_A_RESPONSE = 0.2
+_SPOILT = 0.1
 _MOST = 0.7
 
 SURELY = 1e-4
@@ -56,7 +58,7 @@ def rather_a_factor(gain: Gain) -> str | None:
     if own >= _OWN * explained:
         return None
     ratio = unnamed / max(explained, 1e-300)
-    scatter = plain_with - free_with < _SCATTER**2 * force
+    scatter = plain_with - free_with < _SCATTER**2 * force and own > -_SPOILT * explained
     followed = scatter and by_chance(1.0 / ratio, gain.kind.size(problem.tool), problem.trials) < SURELY
     if ratio > 1.0 / _SHARE_OF_FREE and not followed:
         return f"a factor of its own for each trial explains {ratio:.1f} times as much"

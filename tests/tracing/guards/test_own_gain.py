@@ -68,15 +68,22 @@ def test_what_a_gain_of_each_trial_could_do_is_refused_where_it_does_no_more_or_
 
 
 @pytest.mark.parametrize(
-    ("force", "trials", "refused"), [(1e6, 20, None), (1e6, 9, "1.1 times"), (1e4, 20, "1.1 times as much")]
+    ("force", "trials", "beside", "refused"),
+    [
+        (1e6, 20, 2.0, None),
+        (1e6, 9, 2.0, "1.1 times"),
+        (1e4, 20, 2.0, "1.1 times as much"),
+        (1e6, 20, 13.0, "1.1 times"),
+    ],
 )
 def test_cuts_not_quite_alike_do_not_speak_against_an_effect(
-    monkeypatch, mill, posed, force, trials, refused
+    monkeypatch, mill, posed, force, trials, beside, refused
 ):
     """Of a hundred the effect explains 86, and a factor a trial 97: what they differ by beside the effect is
-    .3 % of a large force, or 3.5 % of a small one. Of nine trials three unknowns follow so much by chance."""
+    .3 % of a large force, or 3.5 % of a small one. Of nine trials three unknowns follow so much by chance.
+    A shape that is not there leaves more beside the factors."""
     kind = effect_class("flank_wear")
-    why = _asked(monkeypatch, mill, posed, kind, (100.0, 3.0, force), (14.0, 2.0, force), trials)
+    why = _asked(monkeypatch, mill, posed, kind, (100.0, 3.0, force), (14.0, beside, force), trials)
     assert why is None if refused is None else refused in why
 
 
