@@ -1,11 +1,12 @@
 """Layered material: the force steps where the path crosses into another layer, an inclusion or a void.
 
-k -> k (1 + change) for positions between start and start + length, with borders that ramp over some way:
-20 um where nothing else is said, what blends two layers, or the height of a drill's point, whose lips meet a
-border one place after another from the centre outwards, so that the torque comes later than the thrust.
-Where layers are of different materials, as in a laminate, the tangential, radial and axial constants take a
-share of the change each. For several layers give the model several of these. Signature: one-sided steps at
-fixed positions, heavy tails. Confused with the entry into the sheet, which is elsewhere.
+k -> k (1 + change) for positions between start and start + length, with borders that ramp over some way: 20
+um where nothing else is said, what blends two layers, or the height of a drill's point, whose lips meet a
+border one place after another from the centre outwards, so that the torque comes later than the thrust; where
+it comes with it (`torque_power` 1), the layers themselves blend. Where layers are of different materials, as
+in a laminate, the tangential, radial and axial constants take a share of the change each. For several layers
+give the model several of these. Signature: one-sided steps at fixed positions, heavy tails. Confused with the
+entry into the sheet, which is elsewhere.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from mjx_cutting.cutting.model import ForceModel
 
 BORDER_M = 2e-5
-BORDER_POWER = (2.0, 1.0, 1.0)
-"""What power of the way across a border the forces of a drill's lips follow, tangential, radial and axial: an
-element of length dr at the radius r has dr of the thrust, and r dr of the torque."""
+TORQUE_POWER = 2.0
+"""What power of the way across a border the torque of a drill's lips follows: an element of length dr at the
+radius r has dr of the thrust, and r dr of the torque."""
 
 
 @register
@@ -53,6 +54,7 @@ class LayeredMaterial(AbstractEffect):
         "border_m": Parameter("m", 1e-6, 2e-2, None, BORDER_M, log=True),
         "edge_share": Parameter("1", 0.0, 1.0, None, 0.0, source="0 or 1", whole=True),
         "direction_share": Parameter("1", -1.15, 1.15, None, 1.0, length=3),
+        "torque_power": Parameter("1", 0.5, 3.0, None, TORQUE_POWER, source="of drills; 1 or 2", whole=True),
     }
     steady = False
     alike = True
@@ -65,6 +67,7 @@ class LayeredMaterial(AbstractEffect):
     border_m: ArrayLike = BORDER_M
     edge_share: ArrayLike = 1.0
     direction_share: ArrayLike = 1.0
+    torque_power: ArrayLike = TORQUE_POWER
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         since = jnp.asarray(cut.position_m) - self.start_m
@@ -72,7 +75,8 @@ class LayeredMaterial(AbstractEffect):
             jnp.clip(0.5 + past / jnp.asarray(self.border_m), 0.0, 1.0)[..., None]
             for past in (since, since - self.length_m)
         )
-        power = jnp.asarray(BORDER_POWER if model.tool.kind == "drill" else 1.0)
+        torque = jnp.asarray(self.torque_power if model.tool.kind == "drill" else 1.0)
+        power = jnp.stack([torque, jnp.ones_like(torque), jnp.ones_like(torque)], axis=-1)
         change = jnp.asarray(self.change)[..., None] * (entered**power - left**power) * self.direction_share
         change = change[..., None, None, :]
         return EdgeForce(force.chip * (1.0 + change), force.edge * (1.0 + self.edge_share * change))

@@ -38,11 +38,12 @@ def together(kind: Kind, courses: Sequence[Course], shapes: Sequence[Array]) -> 
 
 
 def borders_on(layer: Array, others: Sequence[Array]) -> bool:
-    """Whether a layer [start, length] ends where one of the `others` begins, or begins where it ends."""
-    start, length = layer[:2]
+    """Whether a layer [start, length, border] ends where one of the `others` begins, or begins where it ends:
+    within their borders, which may not be settled yet."""
+    start, length, border = layer
     return any(
         min(abs(start + length - other[0]), abs(start - other[0] - other[1]))
-        < _AT_ONE_PLACE * min(length, other[1])
+        < max(_AT_ONE_PLACE * min(length, other[1]), border, other[2])
         for other in others
     )
 

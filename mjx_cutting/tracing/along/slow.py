@@ -14,7 +14,7 @@ from mjx_cutting.tracing.along.at_once import fitted_together, with_together
 from mjx_cutting.tracing.along.end_layer import rather_a_slope
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.periodic import PERIODIC
-from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_each_direction, of_the_chip
+from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_each_direction, of_the_chip, that_blend
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound, less, without
 from mjx_cutting.tracing.along.slow_try import (
     IN_POSITION,
@@ -91,8 +91,13 @@ def _layers_in_the_best_way(
     found = search(kinds, whole_force)
     if not _like_layers(found):
         return found
+    blended = False
+    if any(np.ptp(each.border_power) > 0.0 for each in trials):
+        other = search(that_blend(kinds), whole_force)
+        if blended := _left_by(other).nrmse < _MUCH_LESS * _left_by(found).nrmse:
+            found = other
     # what is apart in them, how they are then looked for, and what they are held to
-    ways: list[tuple[Carrier, Callable[[Sequence[Kind]], tuple[Kind, ...]], Carrier]]
+    ways: list[tuple[Carrier, Callable[..., tuple[Kind, ...]], Carrier]]
     ways = [(_chip_and_edge, of_the_chip, whole_force)]
     if all(each.by_direction is not None for each in trials):
         ways.append((Course.force_by_direction, of_each_direction, Course.force_by_direction))
@@ -101,7 +106,7 @@ def _layers_in_the_best_way(
     if max(falls) < (1.0 - _MUCH_LESS**2) * float(np.sum(error.error_n2 * weight**2)):
         return found
     _, of_such, free = ways[int(np.argmax(falls))]
-    other = search(of_such(kinds), free)
+    other = search(of_such(kinds, blended), free)
     return other if _left_by(other).nrmse < _MUCH_LESS * error.nrmse else found
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
-from mjx_cutting.cutting.effects.layered_material import BORDER_M
+from mjx_cutting.cutting.effects.layered_material import BORDER_M, TORQUE_POWER
 from mjx_cutting.tracing.along.end_layer import at_the_end
 from mjx_cutting.tracing.along.kind import Kind, as_values, listed
 from mjx_cutting.tracing.along.periodic import PERIODIC
@@ -69,25 +69,30 @@ def _layers_near(shapes: Array, here: Array, zoom: float) -> Array:
     return np.asarray([each for each in near if each[1] > 0.2 * step])
 
 
-def _layers_of(edge_share: float, by_direction: bool = False) -> Kind:
+def _layers_of(edge_share: float, by_direction: bool = False, blended: bool = False) -> Kind:
     """Layers in which the edge constants change by a share of what those of the chip do; if `by_direction`,
-    by as much, and the constants of each direction by a share of their own."""
+    by as much, and the constants of each direction by a share of their own; if `blended`, with borders that a
+    drill's torque crosses with its thrust."""
+
+    def power(course: Course) -> Sequence[float]:
+        return (1.0, 1.0, 1.0) if blended else course.border_power
 
     def carrier(course: Course) -> Array:
         return course.force_by_direction() if by_direction else course.force(edge_share)[..., None]
 
     def profile(courses: Sequence[Course]) -> Callable[[Array, Array], Array]:
-        return partial(_inside, courses[0].border_power)
+        return partial(_inside, power(courses[0]))
 
     def columns(course: Course, shape: Array) -> Array:
-        return _inside(course.border_power, course.position_m, shape[None])[0, ..., None] * carrier(course)
+        return _inside(power(course), course.position_m, shape[None])[0, ..., None] * carrier(course)
 
     def effect(shape: Array, c: Array) -> AbstractEffect:
         start, length, border = map(float, shape)
         change = float(c[np.argmax(np.abs(c))])
         # a direction that nothing is measured of changes as the others do
         share = np.where(c == 0.0, 1.0, c / change) if by_direction and change else np.ones(3)
-        return effect_class(LAYERED)(change, start, length, border, edge_share, share)
+        torque_power = 1.0 if blended else TORQUE_POWER
+        return effect_class(LAYERED)(change, start, length, border, edge_share, share, torque_power)
 
     def parts(layer: AbstractEffect) -> tuple[Array, Array]:
         change, share = listed(layer, "change"), as_values(layer)["direction_share"]
@@ -215,14 +220,27 @@ def kind_of(effect: AbstractEffect) -> Kind | None:
     if found is not _LAYERS:
         return found
     values = as_values(effect)
-    return _layers_of(float(values["edge_share"]), bool(np.any(values["direction_share"] != 1.0)))
+    return _layers_of(
+        float(values["edge_share"]),
+        bool(np.any(values["direction_share"] != 1.0)),
+        bool(values["torque_power"] != TORQUE_POWER),
+    )
 
 
-def of_the_chip(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
+def of_the_chip(kinds: Sequence[Kind], blended: bool = False) -> tuple[Kind, ...]:
     """The kinds, layers among them as such in which the edge's force is that of the sheet."""
-    return tuple(_layers_of(0.0) if kind is _LAYERS else kind for kind in kinds)
+    return _with_layers(kinds, _layers_of(0.0, blended=blended))
 
 
-def of_each_direction(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
+def of_each_direction(kinds: Sequence[Kind], blended: bool = False) -> tuple[Kind, ...]:
     """The kinds, layers among them as such in which the constants of each direction change by their own."""
-    return tuple(_layers_of(1.0, by_direction=True) if kind is _LAYERS else kind for kind in kinds)
+    return _with_layers(kinds, _layers_of(1.0, by_direction=True, blended=blended))
+
+
+def that_blend(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
+    """The kinds, layers among them with borders that a drill's torque crosses with its thrust."""
+    return _with_layers(kinds, _layers_of(1.0, blended=True))
+
+
+def _with_layers(kinds: Sequence[Kind], layers: Kind) -> tuple[Kind, ...]:
+    return tuple(layers if kind is _LAYERS else kind for kind in kinds)

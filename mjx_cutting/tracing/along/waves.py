@@ -21,7 +21,7 @@ from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material
 from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.effects.abstract import EdgeForce
-from mjx_cutting.cutting.effects.layered_material import BORDER_POWER
+from mjx_cutting.cutting.effects.layered_material import TORQUE_POWER
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction, without_droop
@@ -65,8 +65,7 @@ def courses(
 
     border_power = (1.0, 1.0, 1.0)
     if dataset.tool.kind == "drill":
-        tangential, _, axial = BORDER_POWER
-        border_power = (1.0, tangential, axial)  # nothing, torque, thrust
+        border_power = (1.0, TORQUE_POWER, 1.0)  # nothing, torque, thrust
     delay_s, found = filter_delay_s(dataset.sensor), []
     for index, (trial, each) in enumerate(zip(trials, after, strict=True)):
         chip_n, edge_n = (

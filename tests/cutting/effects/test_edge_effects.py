@@ -263,10 +263,15 @@ def test_a_layer_of_another_material_changes_each_direction_by_its_own():
         )
 
 
-def test_lips_of_a_drill_bring_the_torque_of_a_layer_later_than_its_thrust():
-    """Half way in, half of the lips' length is in the layer, and a quarter of the lever it works at."""
+@pytest.mark.parametrize("torque_power", [2.0, 1.0])
+def test_lips_of_a_drill_bring_the_torque_of_a_layer_later_than_its_thrust(torque_power: float):
+    """Half way in, half of the lips' length is in the layer, and a quarter of the lever it works at; of
+    layers that blend, half of that too."""
+    half = 0.5**torque_power
     drill = ForceModel(Tool("drill", 2, 0.006), Material.from_n_mm(900.0, 20.0, 0.0, 0.0, 700.0, 30.0))
-    layered = drill.with_effects(effect_class("layered_material")(0.4, 0.01, 0.02, border_m=0.002))
+    layered = drill.with_effects(
+        effect_class("layered_material")(0.4, 0.01, 0.02, 0.002, torque_power=torque_power)
+    )
 
     def more(place_m: float) -> np.ndarray:
         cut = Cut(0.0, 30.0, 0.003, 0.003, 0.003, 0.0, 2.0 * np.pi, position_m=place_m)
@@ -275,6 +280,6 @@ def test_lips_of_a_drill_bring_the_torque_of_a_layer_later_than_its_thrust():
         return np.array([thrust[0] / thrust[1], torque[0] / torque[1]]) - 1.0
 
     np.testing.assert_allclose(more(0.008), 0.0, atol=1e-9)
-    np.testing.assert_allclose(more(0.01), [0.5 * 0.4, 0.25 * 0.4], rtol=1e-6)
+    np.testing.assert_allclose(more(0.01), [0.5 * 0.4, half * 0.4], rtol=1e-6)
     np.testing.assert_allclose(more(0.02), 0.4, rtol=1e-6)
-    np.testing.assert_allclose(more(0.03), [0.5 * 0.4, 0.75 * 0.4], rtol=1e-6)
+    np.testing.assert_allclose(more(0.03), [0.5 * 0.4, (1.0 - half) * 0.4], rtol=1e-6)

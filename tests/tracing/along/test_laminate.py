@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mjx_cutting.tracing.along.layers import borders_on
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import kind_of
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -15,8 +16,11 @@ FEEDS = (0.008, 0.010, 0.0125, 0.015, 0.018, 0.02)
 LAYERS = ((0.008, 0.016, 0.5, (1.0, 0.3)), (0.020, 0.026, -0.3, (-0.5, 1.0)))
 
 
-def _laminate(shares_of, border_power=(1.0, 1.0, 1.0), border_m=2e-5) -> tuple[tuple[Course, ...], HeldOut]:
-    """Six cuts; of tangential and radial force, `shares_of` makes what each layer adds."""
+def _laminate(
+    shares_of, border_power=(1.0, 1.0, 1.0), border_m=2e-5, lips=None
+) -> tuple[tuple[Course, ...], HeldOut]:
+    """Six cuts; of tangential and radial force, `shares_of` makes what each layer adds; of a drill `lips` are
+    the powers that its point would have of a border."""
     time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
     found = []
     for index, feed in enumerate(FEEDS):
@@ -36,7 +40,7 @@ def _laminate(shares_of, border_power=(1.0, 1.0, 1.0), border_m=2e-5) -> tuple[t
         chip = 0.8 * parts.sum(axis=-1)
         course = Course(
             time, place, None, chip, 0.25 * chip, left - left.mean(axis=0), RATE_HZ, (0.0, 200.0),
-            by_direction=lambda parts=parts: parts, border_power=border_power,
+            by_direction=lambda parts=parts: parts, border_power=lips or border_power,
         )  # fmt: skip
         found.append(course)
     error = np.stack([np.sum(each.left_n**2, axis=0) for each in found])
@@ -74,6 +78,26 @@ def test_borders_follow_the_power_of_each_axis():
     squared, _ = _layers(*_laminate(lambda share: (1.0, 1.0), (1.0, 2.0, 1.0), 0.002))
     assert len(squared) == len(LAYERS)
     assert all(float(each.effect.values()["border_m"]) == pytest.approx(0.002, rel=0.1) for each in squared)
+    assert all(float(each.effect.values()["torque_power"]) == 2.0 for each in squared)
+
+
+def test_layers_that_blend_are_told_where_a_drills_torque_comes_with_its_thrust():
+    blended, _ = _layers(*_laminate(lambda share: (1.0, 1.0), (1.0, 1.0, 1.0), 0.002, (1.0, 2.0, 1.0)))
+    assert len(blended) == len(LAYERS)
+    for each, (start, end, _, _) in zip(blended, LAYERS, strict=True):
+        values = each.effect.values()
+        assert (float(values["torque_power"]), float(values["border_m"])) == pytest.approx(
+            (1.0, 0.002), rel=0.1
+        )
+        assert float(values["start_m"]) == pytest.approx(start, abs=2e-4)
+        assert float(values["start_m"] + values["length_m"]) == pytest.approx(end, abs=2e-4)
+
+
+@pytest.mark.parametrize(("border_m", "borders"), [(2e-5, False), (1.2e-3, True)])
+def test_a_layer_borders_on_another_within_the_width_of_their_borders(border_m, borders):
+    one, other = np.array([0.0134, 0.002, 2e-5]), np.array([0.0092, 0.0035, border_m])
+    assert borders_on(one, [other]) == borders
+    assert borders_on(other, [one]) == borders
 
 
 def test_a_laminate_read_from_a_model_makes_the_force_it_was_found_with():
