@@ -35,8 +35,10 @@ class Cut(eqx.Module):
         feed_deviation_m_s: measured less nominal feed speed, m/s.
         angle_holds_ripple: 1 where `angle_rad` was measured so finely that it holds what is uneven within a
             turn, 0 where it is that of a spindle turning evenly.
+        sheet: number of the material cut, where a model knows of several (`AbstractEffect.constants`); 0 is
+            the model's own.
 
-    The seven before it are covariates that only some effects read; zero where nobody measured them.
+    The seven before the last two are covariates that only some effects read; zero where nobody measured them.
     """
 
     angle_rad: ArrayLike
@@ -59,6 +61,7 @@ class Cut(eqx.Module):
     joint_velocity_rad_s: ArrayLike = 0.0
     feed_deviation_m_s: ArrayLike = 0.0
     angle_holds_ripple: ArrayLike = 0.0
+    sheet: ArrayLike = 0.0
 
     @classmethod
     def milling(

@@ -139,6 +139,8 @@ class ForceModel(eqx.Module):
     def edge_force(self, chip: Chip, cut: Cut) -> EdgeForce:
         """[..., S, N, 3] local force on each edge element in full contact, N."""
         width, material = chip.width_m[..., None], self.material
+        for effect in self._path():
+            material = effect.constants(material, cut, self)
         local = EdgeForce(
             chip=width * chip.thickness_m[..., None] * material.chip_n_m2[..., None, None, :],
             edge=width * jnp.ones_like(chip.thickness_m)[..., None] * material.edge_n_m[..., None, None, :],

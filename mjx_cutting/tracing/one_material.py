@@ -1,13 +1,15 @@
-"""Sheets of several materials in one session: a force model has the constants of one.
+"""Sheets of several materials in one session: which of them are to have constants of their own.
 
-Trials whose records name other materials than most do are left out, by name, where one set of constants
-makes their force too large or too small, or leaves twice as much of one material's as constants of its own.
-Labels that tell sheets of the same stuff apart, of which the forces differ by less, leave nothing out.
+Those are fitted beside the others (`fitting.sheets`) where one set of constants makes the force of a material
+too large or too small, or leaves twice as much of it as constants of its own. Labels that tell sheets of the
+same stuff apart, of which the forces differ by less, are taken for one. Trials of a material that few are of
+are left out, by name.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -19,51 +21,59 @@ from mjx_cutting.tracing.fitting.problem import pose, shared_bias
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels
 from mjx_cutting.tracing.records.lines import compress
 from mjx_cutting.tracing.telling.own_factor import own_factors
-from mjx_cutting.trials.dataset import Dataset, LeftOut, Trial
+from mjx_cutting.trials.dataset import Dataset, LeftOut
 
 _FEWEST = 4
 _UNLIKE = 0.1
 _BY_ITSELF = 0.5
 
 
-def of_one_material(dataset: Dataset, band_hz: tuple[float, float], asked: str | None = None) -> Dataset:
-    """The trials of one material and those in the air (call it in float64).
+def of_known_materials(dataset: Dataset, band_hz: tuple[float, float], asked: str | None = None) -> Dataset:
+    """The trials of materials that enough are of, and those in the air; labels of sheets that are alike
+    become one (call it in float64).
 
     Arguments:
         dataset: trials of any materials; `band_hz` in which they are compared.
-        asked: the material; default that of most trials, where the others are unlike it.
+        asked: the one material to take; default all.
 
     Raises:
         ValueError: no trial is of the material asked for.
     """
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     often = Counter(trial.material for trial in cuts if trial.material is not None)
-    if asked is not None and asked not in often:
-        known = ", ".join(sorted(often)) or "none named"
-        raise ValueError(
-            f"material: got {asked!r}, expected one of the cut trials' ({known}); name one of those."
-        )
-    if asked is None and len(often) < 2:
+    if asked is not None:
+        if asked not in often:
+            known = ", ".join(sorted(often)) or "none named"
+            raise ValueError(
+                f"material: got {asked!r}, expected one of the cut trials' ({known}); name one of those."
+            )
+        return _only(dataset, {asked}, f"expected {asked!r}, as asked for")
+    if len(often) < 2:
         return dataset
-    name = often.most_common(1)[0][0] if asked is None else asked
-    alone = replace(dataset, trials=tuple(each for each in dataset.trials if _may_stay(each, name)))
-    if asked is None and (often[name] < _FEWEST or not _unlike(dataset, alone, name, band_hz)):
-        return dataset
-    kept = {trial.file for trial in alone.trials}
+    name, most = often.most_common(1)[0]
+    if most < _FEWEST or not _unlike(dataset, _of(dataset, {name}), name, band_hz):
+        return replace(dataset, trials=tuple(replace(each, material=name) for each in dataset.trials))
+    enough = {each for each, count in often.items() if count >= _FEWEST}
+    why = f"expected one that {_FEWEST} trials or more are of, since each has constants of its own"
+    return _only(dataset, enough, why)
+
+
+def _of(dataset: Dataset, names: Collection[str]) -> Dataset:
+    trials = (each for each in dataset.trials if each.kind != "cut" or each.material in names)
+    return replace(dataset, trials=tuple(trials))
+
+
+def _only(dataset: Dataset, names: Collection[str], why: str) -> Dataset:
+    """The trials of the materials named, and those in the air; the others left out."""
     others = tuple(
         LeftOut(
             each.file,
-            f"got a sheet of {each.material!r}, expected {name!r}, as {often[name]} trials have: a model has "
-            "the constants of one material; trace the others by themselves (--material).",
+            f"got a sheet of {each.material!r}, {why}; trace the others by themselves (--material).",
         )
-        for each in cuts
-        if each.file not in kept
+        for each in dataset.trials
+        if each.kind == "cut" and each.material not in names
     )
-    return replace(alone, left_out=(*dataset.left_out, *others))
-
-
-def _may_stay(trial: Trial, name: str) -> bool:
-    return trial.kind != "cut" or trial.material == name
+    return replace(_of(dataset, names), left_out=(*dataset.left_out, *others))
 
 
 def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, float]) -> bool:
@@ -87,7 +97,9 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
 
 def _by_one_set(dataset: Dataset, band_hz: tuple[float, float]) -> tuple[Prediction, ...]:
     """The trials, where their tools are in the cut, by the base model with one set of constants."""
-    trials = as_levels(dataset)
+    trials = as_levels(
+        replace(dataset, trials=tuple(replace(each, material=None) for each in dataset.trials))
+    )
     part = None if dataset.tool.kind in LEVEL_KINDS else engaged(trials, SURELY_TURNS)
     trials = trials if part is None else part.dataset
     lines = compress(trials, band_hz)

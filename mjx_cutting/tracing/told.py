@@ -19,6 +19,7 @@ from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.judged import Judged, judged
+from mjx_cutting.tracing.telling.own_constants import own_constants
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
@@ -120,6 +121,8 @@ def _judged(found: Pass, known: bool, grown: float | None) -> Judged:
 
 def _caveats(found: Pass, limits: Sequence[object | None]) -> tuple[str, ...]:
     caveats = [str(each) for each in limits if each is not None]
+    if (materials := own_constants(found.dataset, found.search.final_fit.model)) is not None:
+        caveats.append(materials)
     if on_true_path(found.search.problem):
         caveats.append(
             "the feed is not small against the radius, and these trials have the teeth on their true "

@@ -15,9 +15,10 @@ from mjx_cutting.tracing.breakage import parted_at_breakage
 from mjx_cutting.tracing.every_pass import every_pass
 from mjx_cutting.tracing.exchanged import exchanged, two_unlike
 from mjx_cutting.tracing.fitting.heldout import HeldOut
+from mjx_cutting.tracing.fitting.sheets import of_the_first
 from mjx_cutting.tracing.fitting.unsaid_filter import as_filtered
 from mjx_cutting.tracing.once import once
-from mjx_cutting.tracing.one_material import of_one_material
+from mjx_cutting.tracing.one_material import of_known_materials
 from mjx_cutting.tracing.passes import Pass, missing, near_floor, without_names
 from mjx_cutting.tracing.records.followed_angle import as_followed
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels, zeros_known
@@ -61,7 +62,7 @@ def trace(
         dataset: trials of one tool; at least two of kind "cut".
         band_hz: band in which the sensor is trusted; default the anti-alias corner or half the sampling rate.
         effects: names to try; default every registered effect that the data can test.
-        material: of the trials traced; default that of most, where the others are unlike it, else of all.
+        material: of the trials traced; default all that enough of them are of, each with its own constants.
         seed: for the folds of more than twelve trials.
         progress: told what is being tried.
 
@@ -71,7 +72,7 @@ def trace(
     _check(dataset)
     _platform.spare_mappings()
     with _platform.x64():
-        dataset = of_one_material(dataset, trusted_band(dataset, band_hz), material)
+        dataset = of_known_materials(dataset, trusted_band(dataset, band_hz), material)
     _check(dataset)
     dataset, filled = without_dropouts(dataset)
     dataset, replaced = without_spikes(dataset)
@@ -194,7 +195,10 @@ def save(tracing: Tracing, out: Path) -> None:
     page = render(tracing)
     out.mkdir(parents=True, exist_ok=True)
     write_atomic(out / "verdict.json", json.dumps(tracing.verdict, indent=2, allow_nan=False) + "\n")
-    write_atomic(out / "model.json", json.dumps(tracing.model.to_dict(), indent=2, allow_nan=False) + "\n")
+    write_atomic(
+        out / "model.json",
+        json.dumps(of_the_first(tracing.model).to_dict(), indent=2, allow_nan=False) + "\n",
+    )
     write_atomic(out / "report.html", page)
     found = isolability(tracing.search)
     if found is not None:

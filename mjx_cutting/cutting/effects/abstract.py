@@ -37,6 +37,7 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.cutting.chip import Chip, Cutter
 from mjx_cutting.cutting.cut import Cut
+from mjx_cutting.cutting.material import Material
 from mjx_cutting.cutting.tool import Tool
 
 if TYPE_CHECKING:
@@ -176,6 +177,10 @@ class AbstractEffect(eqx.Module):
         """Cuts over parts of the arc, of which, each with its share, the force under `chip` is the sum, for
         lines exact where a part ends; None for an effect that does not part it."""
         return None
+
+    def constants(self, material: Material, cut: Cut, model: ForceModel) -> Material:
+        """Mechanistic constants of what is cut there."""
+        return material
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         """Local force law."""

@@ -26,6 +26,7 @@ from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction, without_droop
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
+from mjx_cutting.tracing.fitting.sheets import Sheets
 from mjx_cutting.tracing.records.course import Course, felt_at
 from mjx_cutting.tracing.records.even_time import later
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -137,7 +138,8 @@ def _beside(problem: Problem, model: ForceModel) -> Complex:
 def _lines_of(problem: Problem, model: ForceModel) -> Complex:
     """[R, orders + 1, 3] lines of a model, N, of an even turn, without the inertia of what the sensor
     carries: of no edge."""
-    own = tuple(each for each in without_droop(model).effects if type(each) not in problem.given)
+    beside = [each for each in problem.given if not issubclass(each, Sheets)]
+    own = tuple(each for each in without_droop(model).effects if type(each) not in beside)
     return np.asarray(_lines(problem, ForceModel(model.tool, model.material, own)))
 
 

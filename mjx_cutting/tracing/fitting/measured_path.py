@@ -123,7 +123,7 @@ def pose_on_path(dataset: Dataset, lines: Lines) -> Problem:
         problem,
         motion=jnp.asarray([each.lines for each in motion]),
         trust=jnp.asarray(own / np.asarray(problem.weight)),
-        given=(ToolGravity,),
+        given=(*problem.given, ToolGravity),
         bias_spread_n=_BIAS_SHARE * problem.bias_spread_n,
         tolerance=_TOLERANCE,
     )

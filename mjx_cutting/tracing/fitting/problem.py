@@ -23,6 +23,7 @@ from jax.typing import ArrayLike
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
 from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
 from mjx_cutting.cutting.effects.helix_lag import HelixLag
+from mjx_cutting.tracing.fitting.sheets import sheet_of_each, sheets_of
 from mjx_cutting.tracing.fitting.swinging import Swinging
 from mjx_cutting.tracing.records.air import Air, air_levels, left_in_air
 from mjx_cutting.tracing.records.course import along_path
@@ -139,8 +140,9 @@ def cuts_of(dataset: Dataset, speed_rev_s: ArrayLike) -> Cut:
             time_s=0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             clock_s=trial.clock_start_s + 0.5 * float(trial.time_s[-1] - trial.time_s[0]),
             angle_holds_ripple=float(holds_ripple(trial)),
+            sheet=float(sheet),
         )
-        for trial, speed in zip(trials, np.asarray(speed_rev_s), strict=True)
+        for trial, speed, sheet in zip(trials, np.asarray(speed_rev_s), sheet_of_each(dataset), strict=True)
     ]
     return jax.tree.map(lambda *leaves: jnp.asarray(leaves, dtype=float), *cuts)
 
@@ -153,6 +155,8 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
     places = [along_path(trial) for trial in trials]
     cut = cuts_of(dataset, lines.speed_rev_s)
     rms = np.sqrt(lines.energy_n2.sum() / lines.samples.sum() / 3.0)
+    own_rms = np.sqrt(lines.energy_n2.sum(axis=1) / lines.samples)
+    width = np.array([max(trial.axial_width_m, 1e-9) for trial in trials])
     noise = lines.noise_std_n()
     zeroed_once = dataset.sensor.zeroed == "session"
     air = air_levels(dataset)
@@ -184,7 +188,7 @@ def pose(dataset: Dataset, lines: Lines) -> Problem:
         orders=lines.orders,
         angles=angles,
         arc_rad=_ARC_STEP * float(np.ceil(_longest_arc(cut) / _ARC_STEP)),
-        given=(Swinging,) if lines.droop_rev_s_nm else (),
+        given=(*sheets_of(dataset, own_rms / width), *((Swinging,) if lines.droop_rev_s_nm else ())),
         droop_rev_s_nm=jnp.asarray(lines.droop_rev_s_nm) if lines.droop_rev_s_nm else None,
         air=air,
         alive=_alive(trials),
