@@ -2,14 +2,15 @@
 
 Those are fitted beside the others (`fitting.sheets`) where one set of constants makes the force of a material
 too large or too small, or leaves twice as much of it as constants of its own. Labels that tell sheets of the
-same stuff apart, of which the forces differ by less, are taken for one. Trials of a material that few are of
-are left out, by name.
+same stuff apart, of which the forces differ by less, are taken for one; where the base model tells little of
+what changes within the trials, as of teeth that pass faster than the sensor follows, labels are believed.
+Trials of a material that few are of are left out, by name.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from mjx_cutting.trials.dataset import Dataset, LeftOut
 _FEWEST = 4
 _UNLIKE = 0.1
 _BY_ITSELF = 0.5
+_MOST = 0.5
 
 
 def of_known_materials(dataset: Dataset, band_hz: tuple[float, float], asked: str | None = None) -> Dataset:
@@ -81,6 +83,9 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
     other than that of `name`, whatever else is missing in both; or leaves twice as much of that of `name` as
     one for its trials `alone`."""
     told = _by_one_set(dataset, band_hz)
+    names = Counter(each.material for each in dataset.trials if each.kind == "cut")
+    if min(names.values()) >= _FEWEST and _shows_little(told):
+        return True
     factor = 1.0 + own_factors(told).factor
     of = {trial.file: trial.material or "" for trial in dataset.trials}
     material = np.array([of[each.file] for each in told])
@@ -93,6 +98,12 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
     with_others = energy([each.residual_n for each in told if each.file in files])
     by_itself = energy([each.residual_n for each in _by_one_set(alone, band_hz)])
     return by_itself < _BY_ITSELF**2 * with_others
+
+
+def _shows_little(told: Sequence[Prediction]) -> bool:
+    """Whether the base model leaves most of what changes within the trials: its factors say nothing then."""
+    changes = energy([each.measured_n - each.measured_n.mean(axis=0) for each in told])
+    return energy([each.residual_n - each.residual_n.mean(axis=0) for each in told]) > _MOST * changes
 
 
 def _by_one_set(dataset: Dataset, band_hz: tuple[float, float]) -> tuple[Prediction, ...]:

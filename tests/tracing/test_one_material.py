@@ -131,6 +131,22 @@ def test_a_saw_of_which_only_the_mean_force_shows_is_judged_where_it_cuts(saw):
     assert [each.file for each in found.left_out] == [trials[3].file]
 
 
+@pytest.mark.parametrize(
+    ("names", "kept"), [(["brass", "card"] * 4, 2), ([f"sheet {i}" for i in range(8)], 1)]
+)
+def test_labels_are_believed_where_the_model_shows_little(saw, names, kept):
+    """A zero of each trial's own takes the mean, and no line of the teeth is heard: what is left tells
+    nothing of the sheets. Of labels that few trials are of, none is for constants of its own."""
+    trials = []
+    for index, name in enumerate(names):
+        force_n = np.random.default_rng(index).normal(3.0, 0.3, (2000, 3))
+        trial = replace(saw().trials[index % 5], time_s=np.arange(2000) / 500.0, force_n=force_n)
+        trials.append(replace(trial, file=f"t{index}.csv", material=name))
+    with _platform.x64():
+        found = of_known_materials(replace(saw(), trials=tuple(trials)), (0.0, 100.0))
+    assert len({each.material for each in found.trials}) == kept and found.left_out == ()
+
+
 def test_labels_of_sheets_that_are_alike_leave_none_out(mill):
     dataset = _labelled(mill(), ["sheet 1"] * 4 + ["sheet 2"] * 2)
     verdict = trace(dataset, effects=EFFECTS).verdict

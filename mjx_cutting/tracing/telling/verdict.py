@@ -32,6 +32,7 @@ FORMAT = "mjx-cutting-verdict/1"
 AT_FLOOR = 1.1
 _CLEARLY = 1.5
 _CLEARLY_OF_LEVELS = 3.0
+_MUCH_SCATTER = 2.0 * SCATTER
 _MUCH = 0.01
 _NOT_OF_NOISE = ("time in trial", "position", "cut length", "clock time")
 
@@ -78,7 +79,7 @@ def verdict(
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     error = less_scatter(judged.after, after)
-    most = _CLEARLY_OF_LEVELS * least if dataset.tool.kind in LEVEL_KINDS else least
+    most = _of_levels(least) if dataset.tool.kind in LEVEL_KINDS else least
     left = _left(after, error, judged.floor, least, most)
     return {
         "format": FORMAT,
@@ -177,7 +178,7 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, base: float, floor: f
     trial's own is taken first. Where the noise had to be read beside the lines, all that is not periodic
     counts as noise; no noise follows the path or the session by more than a hundredth of the force.
     """
-    clearly = _CLEARLY_OF_LEVELS if dataset.tool.kind in LEVEL_KINDS else _CLEARLY
+    clearly = _of_levels(least) if dataset.tool.kind in LEVEL_KINDS else _CLEARLY * least
     error = less_scatter(base, before)
     shown = [
         each
@@ -186,7 +187,13 @@ def _shown(before: Sequence[Dependence], dataset: Dataset, base: float, floor: f
         and not (_of_the_trial(each) or _colour(each, least) or _no_more_than_noise(each, floor, least))
     ]
     follows = any(each.covariate in _NOT_OF_NOISE and each.of_force > _MUCH for each in shown)
-    return error > clearly * least or (error > least and bool(shown)) or follows
+    return error > clearly or (error > least and bool(shown)) or follows
+
+
+def _of_levels(least: float) -> float:
+    """The error up to which levels may scatter where noise and calculation leave `least`: three times that,
+    or twice what two cuts of one sheet may differ by, where samples are noisy, which a level need not be."""
+    return min(_CLEARLY_OF_LEVELS * least, float(np.hypot(least, _MUCH_SCATTER)))
 
 
 def _left(

@@ -30,6 +30,15 @@ def test_noise_that_remembers_is_nothing_missing(covariate, of_force, missing):
     assert told._shown([feed], DRILL, 0.04, floor=0.0136, least=0.015) is True
 
 
+@pytest.mark.parametrize(
+    ("error", "floor", "missing"),
+    [(0.016, 0.005, False), (0.018, 0.005, True), (0.045, 0.021, False), (0.05, 0.021, True)],
+)
+def test_levels_scatter_beyond_their_noise_but_not_as_the_noise_of_a_sample(error, floor, missing):
+    """A level of a noisy record is known much better than a sample of it."""
+    assert told._shown([], DRILL, error, floor=floor, least=1.1 * floor) is missing
+
+
 @pytest.mark.parametrize(("of_force", "missing"), [(0.007, False), (0.012, True)])
 def test_what_noise_would_hide_is_nothing_missing(of_force, missing):
     """A noise of .02 and .009 beside it leave .022, which counts as noise alone."""
