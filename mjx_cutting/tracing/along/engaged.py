@@ -28,6 +28,8 @@ from mjx_cutting.trials.dataset import Dataset, LeftOut, ToolInfo, Trial
 _AIR = 0.2
 _LEVEL = 0.85
 _USUAL = 75.0
+_HIGHEST = 98.0
+_HALF = 0.5
 _CLEAR = 1.1
 _AT_ONCE = 0.85
 _AT_ONCE_TURNS = 4
@@ -258,7 +260,7 @@ def _sizes(trial: Trial, teeth: int, zero_n: Array) -> tuple[NDArray[np.int64], 
     over_pitch, over_turn = (
         np.sqrt(np.maximum(uniform_filter1d(energy, each, mode="nearest"), 0.0)) for each in (pitch, turn)
     )
-    level = float(np.percentile(over_turn, _USUAL))
+    level = _level(over_turn)
     # of a record of no force at all every sample is at its level
     touching, full = np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level)
     cutting = np.flatnonzero(_beside_once_a_turn(trial, turn, energy, zero_n) >= _AIR * level)
@@ -269,6 +271,12 @@ def _sizes(trial: Trial, teeth: int, zero_n: Array) -> tuple[NDArray[np.int64], 
         end = int(cutting[-1]) if touching[-1] > last - turn and cutting[-1] < last - surely else last
         touching = touching[(touching >= begin) & (touching <= end)]
     return touching, full
+
+
+def _level(size: Array) -> float:
+    """The usual size of a force in the cut, of [T] all along a record that may be mostly air."""
+    usual, highest = np.percentile(size, (_USUAL, _HIGHEST))
+    return float(np.median(size[size >= _HALF * highest]) if usual < _AIR * highest else usual)
 
 
 def _beside_once_a_turn(trial: Trial, turn: int, energy: Array, zero_n: Array) -> Array:

@@ -2,7 +2,8 @@
 
 A force that swings with the teeth is still in the air, and its mean there is the sensor's zero. Teeth of
 which many cut at once, or which pass faster than the sensor follows, hardly swing it themselves, so that
-their record alone does not tell where it is still; air cuts and the other records show how still that is.
+their record alone does not tell where it is still; air cuts and the other records show how still that is. Of
+a sensor zeroed once a session, air cuts tell the zero of all records that do not show it.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class _Swing:
 
 
 def zeros(dataset: Dataset) -> dict[str, Array]:
-    """[3] by file what the sensor reads in the air, N; nil where a record does not show it."""
+    """[3] by file what the sensor reads in the air, N; nil where neither record nor session shows it."""
     swings = {trial.file: _swing(trial) for trial in dataset.trials}
     air = {trial.file for trial in dataset.trials if trial.kind == "air"}
     seen = [each.least_n for file, each in swings.items() if file in air or each.in_air()]
@@ -56,7 +57,15 @@ def zeros(dataset: Dataset) -> dict[str, Array]:
         return _without_teeth(trial, dataset.tool.teeth, swing.least_n) if trial.kind == "cut" else None
 
     found = {trial.file: zero(trial) for trial in dataset.trials}
-    return {file: np.zeros(3) if each is None else each for file, each in found.items()}
+    usual = _of_the_session(dataset)
+    return {file: usual if each is None else each for file, each in found.items()}
+
+
+def _of_the_session(dataset: Dataset) -> Array:
+    """[3] what cuts in air read of a sensor zeroed once a session, N; nil of another, or without any."""
+    air = [trial.force_n.mean(axis=0) for trial in dataset.trials if trial.kind == "air"]
+    known = dataset.sensor.zeroed == "session" and air
+    return np.mean(air, axis=0) if known else np.zeros(3)
 
 
 def samples_a_turn(trial: Trial) -> int:

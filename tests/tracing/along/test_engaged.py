@@ -289,3 +289,14 @@ def test_the_air_in_records_is_not_called_an_effect():
     assert found["effects"] == [] and plain["effects"] == []
     assert found["after"]["heldout_nrmse"] < 1.3 * plain["after"]["heldout_nrmse"]
     assert "enters or leaves the sheet" in found["remaining"]["description"]
+
+
+def test_a_record_that_is_in_the_cut_for_an_eighth_of_it_is_cut_down_to_that(saw):
+    """Three quarters of its samples are of the air, and so is what is usual among them."""
+    trials = [
+        replace(trial, force_n=np.where(trial.time_s[:, None] > 3.5, 1.0, 1e-3) * trial.force_n)
+        for trial in saw().trials
+    ]
+    found = engaged(replace(saw(), trials=tuple(trials)))
+    assert found is not None and set(found.spans_s) == {trial.file for trial in trials}
+    assert all(3.5 <= low < 3.7 and high > 3.9 for low, high in found.spans_s.values())

@@ -28,9 +28,10 @@ def _record(begins_s: float, before: float, swing_n: float) -> Trial:
     )  # fmt: skip
 
 
-def _zero(trial: Trial) -> np.ndarray:
+def _zero(*trials: Trial, zeroed: str = "session") -> np.ndarray:
     tool = ToolInfo("slitting_saw", TEETH, 0.063)
-    return zeros(Dataset(name="one", tool=tool, sensor=Sensor(RATE_HZ), trials=(trial,)))["t.csv"]
+    sensor = Sensor(RATE_HZ, zeroed=zeroed)
+    return zeros(Dataset(name="one", tool=tool, sensor=sensor, trials=trials))["t.csv"]
 
 
 @pytest.mark.parametrize("swing_n", [20.0, 0.6])
@@ -58,3 +59,10 @@ def test_a_tool_whose_teeth_cut_over_whole_pitches_as_it_enters_is_not_in_the_ai
 
 def test_where_no_teeth_are_heard_at_all_no_zero_is_read():
     np.testing.assert_array_equal(_zero(_record(0.3, before=0.5, swing_n=0.0)), 0.0)
+
+
+@pytest.mark.parametrize(("zeroed", "told"), [("session", True), ("trial", False)])
+def test_cuts_in_air_tell_the_zero_of_a_session_to_records_that_do_not(zeroed, told):
+    cut = _record(0.3, before=0.5, swing_n=0.0)
+    air = replace(_record(2.0, before=0.0, swing_n=0.0), file="air.csv", kind="air", milling=None)
+    np.testing.assert_allclose(_zero(cut, air, zeroed=zeroed), BIAS_N if told else 0.0, atol=0.02)
