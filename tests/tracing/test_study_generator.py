@@ -218,6 +218,19 @@ def test_a_session_scattered_has_cuts_larger_or_smaller_as_a_whole():
         np.testing.assert_allclose(a.torque_nm, factor * b.torque_nm)
 
 
+@pytest.mark.parametrize("seed", [401, 402])
+def test_a_session_in_two_materials_has_every_other_cut_softer_about_its_zero(seed):
+    whole = study.make("saw", {}, seed=seed).dataset
+    made = FEWER["materials"](whole)
+    air = [each.force_n.mean(axis=0) for each in whole.trials if each.kind == "air"]
+    zero = np.mean(air, axis=0) if air and whole.sensor.zeroed == "session" else np.zeros(3)
+    pairs = [(a, b) for a, b in zip(made.trials, whole.trials, strict=True) if a.kind == "cut"]
+    assert [a.material for a, _ in pairs[:3]] == ["harder", "softer", "harder"]
+    for (a, b), factor in zip(pairs, [1.0, 0.4] * len(pairs), strict=False):
+        np.testing.assert_allclose(a.force_n - zero, factor * (b.force_n - zero))
+    assert made.sensor.zeroed == ("session" if np.any(zero) else "trial")
+
+
 def test_what_a_stuck_chip_lets_one_tooth_take_more_the_next_one_lacks():
     def taken(stuck):
         cut = reference_cut(edge_n_m=np.zeros(3), stuck=stuck)
