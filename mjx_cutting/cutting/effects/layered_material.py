@@ -41,7 +41,8 @@ class LayeredMaterial(AbstractEffect):
     it begins along the path and how long it is, between the middles of its borders, m; `border_m` [] way over
     which each of them ramps, m; `edge_share` [] change of the edge constants over that of the chip's, 1 where
     all change alike, 0 where the layer only shears harder or softer; `direction_share` [3] [] change of the
-    tangential, radial and axial constants over `change`, which is that of those that change most.
+    tangential, radial and axial constants over `change`, which is that of those that change most;
+    `torque_power` [] power of the way across a border that a drill's torque follows.
     """
 
     name = "layered_material"

@@ -163,7 +163,7 @@ def _search(
     left = trials
     while open_ and len(rounds) < MOST_SLOW:
         free = free_in_position(left, before, weight, carrier)
-        test = Asked(weight, free, len(open_), tolerance, in_range)
+        test = Asked(weight, free, len(open_), tolerance, in_range, _by_layers(rounds, weight))
         tried = []
         for kind in open_:
             progress(f"along the trial: {kind.name}")
@@ -194,6 +194,12 @@ def _search(
     for kind in kinds:
         rounds = with_together(rounds, kind, left, weight)
     return tuple(rounds)
+
+
+def _by_layers(rounds: Sequence[SlowRound], weight: Array) -> float:
+    """Fall of the weighted squared error that layers accepted have brought."""
+    found = ((each.before, each.accepted) for each in rounds if each.accepted is not None)
+    return sum(fall_of_error(a, b.heldout, weight) for a, b in found if b.kind.name == LAYERED)
 
 
 def _no_slope(rounds: list[SlowRound], layers: Kind, trials: Sequence[Course]) -> list[SlowRound]:

@@ -1,7 +1,8 @@
 """One effect along the trials tried: its best shape, its held-out error, and whether it is accepted.
 
 A named effect must also do most of what an unnamed one could: force that varies freely with position (hats
-over the path) is fitted beside it, and where that does better by a sixth, the effect is not the cause.
+over the path) is fitted beside it, and where that does better by a sixth, the effect is not the cause. And
+what changes with the place beside layers must do more than a border would that is not quite as supposed.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hyster
 _HATS = 24
 _HARDLY = 1e-3
 _SHARE_OF_FREE = 0.85
+_OF_LAYERS = 0.005
 _ZOOMS = (1.0, 6.0, 36.0, 216.0)
 Array = NDArray[np.floating]
 Carrier = Callable[[Course], Array]
@@ -47,13 +49,15 @@ Carrier = Callable[[Course], Array]
 @dataclass(frozen=True, eq=False)
 class Asked:
     """What every effect of a round is held to: `weight` [3] of the axes; the fall of the error that force
-    `free` in position brings; how many were tried (`tries`); `tolerance` and `in_range` of `search_slow`."""
+    `free` in position brings; how many were tried (`tries`); `tolerance` and `in_range` of `search_slow`; the
+    fall of the error that `layers` found before have brought."""
 
     weight: Array
     free: float
     tries: int
     tolerance: float
     in_range: bool
+    layers: float = 0.0
 
 
 def try_one(
@@ -83,6 +87,11 @@ def try_one(
     if short:
         ratio = test.free / max(explained, 1e-300)
         why = f"force that varies freely with position explains {ratio:.1f} times as much"
+        decision = replace(decision, accepted=False, reasons=(why,))
+    if decision.accepted and kind.name in IN_POSITION and explained < _OF_LAYERS * test.layers:
+        why = (
+            f"does {explained / test.layers:.2%} of what layers do, whose borders may be that much otherwise"
+        )
         decision = replace(decision, accepted=False, reasons=(why,))
     rather = None if beside and borders_on(fits.shapes[shape], beside) else kind.rather
     if decision.accepted and rather is not None and (why := rather(trials, effect)):

@@ -10,6 +10,7 @@ from scipy import signal, stats
 
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
+from mjx_cutting.tracing.along.slow_try import Asked, fall_of_error, try_one
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.records.course import Course, along_path, felt_at
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
@@ -294,6 +295,18 @@ def test_layers_whose_borders_blend_are_no_periodic_sheet():
     borders = np.array([at for each in layers for at in _ends(each)])
     for true in (0.01085, 0.01885, 0.02685):
         assert np.abs(borders - true).min() < 1e-4
+
+
+@pytest.mark.parametrize(("times", "named"), [(100.0, True), (400.0, False)])
+def test_a_wave_that_does_next_to_nothing_of_what_layers_do_is_what_their_borders_leave(times, named):
+    trials, before = _trials(lambda place, trial: 0.05 * np.sin(2.0 * np.pi * place / 0.007), edge_share=1.0)
+    weight, periodic = np.full(3, 1.0 / NOISE_N), KINDS[0]
+    alone = try_one(periodic, trials, before, Asked(weight, 0.0, 1, 0.003, True))
+    assert alone.decision.accepted and periodic.name == "material_periodicity"
+    layers = times * fall_of_error(before, alone.heldout, weight)
+    beside = try_one(periodic, trials, before, Asked(weight, 0.0, 1, 0.003, True, layers))
+    assert beside.decision.accepted == named
+    assert named or "of what layers do" in beside.decision.reasons[0]
 
 
 def _ends(layer):
