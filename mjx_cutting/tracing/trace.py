@@ -17,8 +17,8 @@ from mjx_cutting.tracing.exchanged import exchanged, two_unlike
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.sheets import of_the_first
 from mjx_cutting.tracing.fitting.unsaid_filter import as_filtered
+from mjx_cutting.tracing.materials import of_known_materials
 from mjx_cutting.tracing.once import once
-from mjx_cutting.tracing.one_material import of_known_materials
 from mjx_cutting.tracing.passes import Pass, missing, near_floor, without_names
 from mjx_cutting.tracing.records.followed_angle import as_followed
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS, as_levels, zeros_known

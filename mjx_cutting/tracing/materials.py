@@ -84,7 +84,8 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
     one for its trials `alone`."""
     told = _by_one_set(dataset, band_hz)
     names = Counter(each.material for each in dataset.trials if each.kind == "cut")
-    if min(names.values()) >= _FEWEST and _shows_little(told):
+    in_lines = dataset.tool.kind not in LEVEL_KINDS
+    if in_lines and min(names.values()) >= _FEWEST and _shows_little(told):
         return True
     factor = 1.0 + own_factors(told).factor
     of = {trial.file: trial.material or "" for trial in dataset.trials}

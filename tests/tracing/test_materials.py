@@ -13,7 +13,7 @@ from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing import save, trace
 from mjx_cutting.tracing.fitting.sheets import Sheets, materials_of
-from mjx_cutting.tracing.one_material import of_known_materials
+from mjx_cutting.tracing.materials import of_known_materials
 from mjx_cutting.trials.dataset import AntiAlias, Dataset, Sensor, ToolInfo
 from mjx_cutting.trials.synthetic import Conditions, Hidden, Sheet, make_trials
 
