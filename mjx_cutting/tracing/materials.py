@@ -14,6 +14,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjx_cutting.tracing.along.engaged import SURELY_TURNS, engaged
 from mjx_cutting.tracing.fitting.fit import fit_base
@@ -28,6 +29,9 @@ _FEWEST = 4
 _UNLIKE = 0.1
 _BY_ITSELF = 0.5
 _MOST = 0.5
+_ERRORS = 3.0
+_ONE_ZERO = 1e-9
+Array = NDArray[np.floating]
 
 
 def of_known_materials(dataset: Dataset, band_hz: tuple[float, float], asked: str | None = None) -> Dataset:
@@ -87,18 +91,39 @@ def _unlike(dataset: Dataset, alone: Dataset, name: str, band_hz: tuple[float, f
     in_lines = dataset.tool.kind not in LEVEL_KINDS
     if in_lines and min(names.values()) >= _FEWEST and _shows_little(told):
         return True
-    factor = 1.0 + own_factors(told).factor
     of = {trial.file: trial.material or "" for trial in dataset.trials}
     material = np.array([of[each.file] for each in told])
-    usual = {each: float(np.median(factor[material == each])) for each in np.unique(material)}
-    if name not in usual:
+    if name not in material:
         return False
-    if any(abs(each / usual[name] - 1.0) > _UNLIKE for each in usual.values()):
-        return True
+    factor, error = _factors(told) if in_lines else (own_factors(told).factor, np.zeros(len(told)))
+    usual = {each: 1.0 + float(np.median(factor[material == each])) for each in np.unique(material)}
+    sure = {each: float(np.sqrt(np.mean(error[material == each] ** 2))) for each in usual}
+    for each, found in usual.items():
+        away = abs(found / usual[name] - 1.0)
+        if away > _UNLIKE and away > _ERRORS * np.hypot(sure[each], sure[name]):
+            return True
     files = {trial.file for trial in alone.trials}
     with_others = energy([each.residual_n for each in told if each.file in files])
     by_itself = energy([each.residual_n for each in _by_one_set(alone, band_hz)])
     return by_itself < _BY_ITSELF**2 * with_others
+
+
+def _factors(told: Sequence[Prediction]) -> tuple[Array, Array]:
+    """[R] by how much of itself the force of each cut is larger than predicted, and the standard error of
+    that; read from what changes within the trials where each has a zero of its own, which takes the mean."""
+    bias = np.stack([each.bias_n for each in told])
+    one_zero = bool(np.all(np.ptp(bias, axis=0) <= _ONE_ZERO * np.abs(bias).max()))
+    found = []
+    for each in told:
+        force, left = each.predicted_n - each.bias_n, each.residual_n
+        if not one_zero:
+            force, left = force - force.mean(axis=0), left - left.mean(axis=0)
+        size = max(float(np.sum(force**2)), 1e-300)
+        factor = float(np.sum(force * left)) / size
+        rest = float(np.sum(left**2)) - factor**2 * size
+        found.append((factor, np.sqrt(max(rest, 0.0) / left.size / size)))
+    factor, error = np.array(found).T
+    return factor, error
 
 
 def _shows_little(told: Sequence[Prediction]) -> bool:

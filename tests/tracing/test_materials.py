@@ -9,6 +9,8 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.study import make
+from benchmarks.study.fewer import FEWER
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing import save, trace
@@ -145,6 +147,19 @@ def test_labels_are_believed_where_the_model_shows_little(saw, names, kept):
     with _platform.x64():
         found = of_known_materials(replace(saw(), trials=tuple(trials)), (0.0, 100.0))
     assert len({each.material for each in found.trials}) == kept and found.left_out == ()
+
+
+def test_materials_are_told_apart_by_what_little_changes_under_a_filter():
+    """Each trial has a zero of its own, and of the teeth a hundredth of the force is heard."""
+    whole = make("saw", {}, seed=17014).dataset
+    softer = FEWER["materials"](whole)
+    assert softer.sensor.zeroed == "trial"
+    pairs = zip(whole.trials, softer.trials, strict=True)
+    alike = replace(whole, trials=tuple(replace(each, material=soft.material) for each, soft in pairs))
+    with _platform.x64():
+        found, same = (of_known_materials(each, (0.0, 200.0)) for each in (softer, alike))
+    assert {each.material for each in found.trials if each.kind == "cut"} == {"harder", "softer"}
+    assert len({each.material for each in same.trials}) == 1
 
 
 def test_labels_of_sheets_that_are_alike_leave_none_out(mill):
