@@ -30,6 +30,7 @@ _LEVEL = 0.85
 _USUAL = 75.0
 _HIGHEST = 98.0
 _HALF = 0.5
+_STRAY = 0.05
 _CLEAR = 1.1
 _AT_ONCE = 0.85
 _AT_ONCE_TURNS = 4
@@ -265,12 +266,24 @@ def _sizes(trial: Trial, teeth: int, zero_n: Array) -> tuple[NDArray[np.int64], 
     touching, full = np.flatnonzero(over_pitch >= _AIR * level), np.flatnonzero(over_turn >= _LEVEL * level)
     cutting = np.flatnonzero(_beside_once_a_turn(trial, turn, energy, zero_n) >= _AIR * level)
     if cutting.size:
+        touching = _without_strays(touching, cutting, turn, len(energy))
         surely, last = SURELY_TURNS * turn, len(energy) - 1
         # a tool that balances is known to touch by the sample
         begin = int(cutting[0]) if touching[0] < turn and cutting[0] > surely else 0
         end = int(cutting[-1]) if touching[-1] > last - turn and cutting[-1] < last - surely else last
         touching = touching[(touching >= begin) & (touching <= end)]
     return touching, full
+
+
+def _without_strays(
+    touching: NDArray[np.int64], cutting: NDArray[np.int64], turn: int, samples: int
+) -> NDArray[np.int64]:
+    """Samples that touch, but for the few that noise lets do so more than a turn away from the cut."""
+    first, last = int(cutting[0]) - turn, int(cutting[-1]) + turn
+    before, behind = touching < first, touching > last
+    stray = before & (before.sum() < _STRAY * max(first, 0))
+    stray |= behind & (behind.sum() < _STRAY * max(samples - last, 0))
+    return touching[~stray]
 
 
 def _level(size: Array) -> float:

@@ -300,3 +300,16 @@ def test_a_record_that_is_in_the_cut_for_an_eighth_of_it_is_cut_down_to_that(saw
     found = engaged(replace(saw(), trials=tuple(trials)))
     assert found is not None and set(found.spans_s) == {trial.file for trial in trials}
     assert all(3.5 <= low < 3.7 and high > 3.9 for low, high in found.spans_s.values())
+
+
+def test_noise_that_touches_now_and_then_in_the_air_is_no_cut(saw):
+    """A weak cut, of which a sample in two hundred of the air behind it reaches a fifth."""
+    made = saw()
+    trials = []
+    for trial in made.trials:
+        force = np.where(trial.time_s[:, None] < 3.0, 1.0, 1e-3) * trial.force_n
+        force[1560::200] = 0.6 * np.abs(trial.force_n).max(axis=0)
+        trials.append(replace(trial, force_n=force))
+    found = engaged(replace(made, trials=tuple(trials)))
+    assert found is not None and set(found.spans_s) == {trial.file for trial in trials}
+    assert all(2.7 < high <= 3.0 for _, high in found.spans_s.values())
