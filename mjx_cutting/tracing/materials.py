@@ -128,8 +128,11 @@ def _factors(told: Sequence[Prediction]) -> tuple[Array, Array]:
 
 def _shows_little(told: Sequence[Prediction]) -> bool:
     """Whether the base model leaves most of what changes within the trials: its factors say nothing then."""
-    changes = energy([each.measured_n - each.measured_n.mean(axis=0) for each in told])
-    return energy([each.residual_n - each.residual_n.mean(axis=0) for each in told]) > _MOST * changes
+    changes, left = (
+        energy([each - each.mean(axis=0) for each in records])
+        for records in ([each.measured_n for each in told], [each.residual_n for each in told])
+    )
+    return left > _MOST * changes
 
 
 def _by_one_set(dataset: Dataset, band_hz: tuple[float, float]) -> tuple[Prediction, ...]:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool
 from mjx_cutting.trials.dataset import Dataset
 
-CONSTANTS = 6
 _FIELDS = ("K_tc_n_m2", "K_rc_n_m2", "K_ac_n_m2", "K_te_n_m", "K_re_n_m", "K_ae_n_m")
 _AXIAL = np.array([False, False, True, False, False, True])
 
@@ -38,13 +37,13 @@ class Sheets(AbstractEffect):
 
     @classmethod
     def size(cls, tool: Tool) -> int:
-        return CONSTANTS * len(cls.about)
+        return len(_FIELDS) * len(cls.about)
 
     @classmethod
     def build(cls, coordinates: Array, tool: Tool) -> Sheets:
         """Coordinates: what each constant is of what all of a material are about, of those in the plane the
         logarithm, since none is negative."""
-        own = coordinates.reshape(len(cls.about), CONSTANTS)
+        own = coordinates.reshape(len(cls.about), len(_FIELDS))
         return cls(jnp.where(_AXIAL, own, jnp.exp(own)) * jnp.asarray(cls.about)[:, None])
 
     @classmethod
@@ -53,7 +52,7 @@ class Sheets(AbstractEffect):
 
     def constants(self, material: Material, cut: Cut, model: ForceModel) -> Material:
         share = jnp.asarray(self.share)
-        every = jnp.concatenate([jnp.ones((1, CONSTANTS)), share])
+        every = jnp.concatenate([jnp.ones((1, len(_FIELDS))), share])
         own = every[jnp.asarray(cut.sheet, dtype=int)]
         return Material(
             **{name: getattr(material, name) * own[..., index] for index, name in enumerate(_FIELDS)}
