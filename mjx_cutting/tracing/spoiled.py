@@ -3,11 +3,11 @@
 Where what is known does not explain all that is missing, and either the model fitted without one trial leaves
 half as much of the others, beside noise, as one fitted without any other does, or most of what is left is
 missing in one, the others are traced without it. Only if that settles the matter, or at least halves what is
-left, is the trial left out, by name and with its figures. A trial unlike the others spoils the fit of all;
-but few levels are fitted well without any of them, so there what each leaves by itself counts, and among
-many the one without which an effect that was tried leaves next to nothing of the others. And a trial of which
-the conditions, places or times are not what is said leaves no more than the others do, but what explains
-much of each of them makes it worse: that, too, is tried.
+left beside noise, is the trial left out, by name and with its figures. A trial unlike the others spoils the
+fit of all; but few levels are fitted well without any of them, so there what each leaves by itself counts,
+and among many the one without which an effect that was tried leaves next to nothing of the others. And a
+trial of which the conditions, places or times are not what is said leaves no more than the others do, but
+what explains much of each of them makes it worse: that, too, is tried.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ def _with_every_trial_or_one_less(
     if (pair := two_unlike(dataset, found.dataset, left, found.floor_nrmse)) is not None:
         progress(f"once more, {pair.first} and {pair.second} exchanged")
         again = _trace(exchanged(dataset, pair), said, band_hz, effects, seed, progress)
-        if _settled(again) == _CLOSED or again.final.nrmse < _CLEARER * fewer.final.nrmse:
+        if _settled(again) == _CLOSED or _clearer(again, fewer):
             return replace(again, caveats=(*again.caveats, str(pair)))
     if (reading := found.reading or _reading(found)) is not None:
         progress(f"once more, the columns of force read as {list(reading.axes)}")
@@ -123,8 +123,12 @@ def _with_every_trial_or_one_less(
         if missing(again) < most_left(said, reading, explained) * missing(found):
             dataset, found = otherwise, again
             fewer = less_one()
-    further = _settled(fewer) > _settled(found)
-    return fewer if further or fewer.final.nrmse < _CLEARER * found.final.nrmse else found
+    return fewer if _settled(fewer) > _settled(found) or _clearer(fewer, found) else found
+
+
+def _clearer(again: Tracing, found: Tracing) -> bool:
+    """Whether `again` leaves half or less of what `found` did beside noise, if that was more than noise."""
+    return not near_floor(found) and missing(again) < _CLEARER**2 * missing(found)
 
 
 def _settled(found: Tracing) -> int:

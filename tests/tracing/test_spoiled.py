@@ -13,7 +13,7 @@ from benchmarks.study.generator import recorded
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.spoiled import spoiled
-from mjx_cutting.tracing.trace import _settled
+from mjx_cutting.tracing.trace import _clearer, _settled
 from mjx_cutting.trials.dataset import Dataset
 from mjx_cutting.trials.synthetic import Hidden
 
@@ -176,11 +176,23 @@ def test_one_trial_that_what_explains_the_others_makes_worse_is_told(mill, share
     ],
 )  # fmt: skip
 def test_an_ambiguous_name_settles_matters_only_where_little_is_left(word, left, how_far):
-    problem = SimpleNamespace(tolerance=0.003)
-    found = SimpleNamespace(
-        verdict={"verdict": word},
-        final=SimpleNamespace(nrmse=left),
-        floor_nrmse=0.02,
-        search=SimpleNamespace(problem=problem),
-    )
+    found = _leaving(left)
+    found.verdict = {"verdict": word}
     assert _settled(found) == how_far
+
+
+@pytest.mark.parametrize(
+    ("was", "left", "clearer"),
+    [
+        (0.0320, 0.0210, True),  # two thirds of the whole, a quarter of it beside noise
+        (0.0320, 0.0240, False),
+        (0.0215, 0.0200, False),  # what was left was noise
+    ],
+)
+def test_what_a_trial_less_leaves_is_weighed_beside_the_noise(was, left, clearer):
+    assert _clearer(_leaving(left), _leaving(was)) is clearer
+
+
+def _leaving(nrmse: float) -> SimpleNamespace:
+    search = SimpleNamespace(problem=SimpleNamespace(tolerance=0.003))
+    return SimpleNamespace(final=SimpleNamespace(nrmse=nrmse), floor_nrmse=0.02, search=search)

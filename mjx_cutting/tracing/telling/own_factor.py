@@ -19,6 +19,7 @@ from mjx_cutting.tracing.guards.own_gain import SURELY, by_chance
 SCATTER = 0.02
 """What two cuts of one sheet may differ by as a whole: a limit we set."""
 _MOVING = 0.01
+_SHOWN = 1e-6
 Array = NDArray[np.floating]
 
 
@@ -38,8 +39,9 @@ class OwnFactors:
 
 def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
     """The factors, read from what changes within the trials, where it does: the mean may be a bias. Where one
-    bias is that of all, the factor of a trial in which nothing changes is read from its mean. What they do to
-    the mean is taken away as well where that leaves less."""
+    bias is that of all, the factor of a trial in which nothing changes is read from its mean; else such a
+    trial, of which every line lies beyond the band, tells none. What the factors do to the mean is taken away
+    as well where that leaves less."""
     force = [each.predicted_n - each.bias_n for each in predictions]
     moving = [each - each.mean(axis=0) for each in force]
     bias = np.stack([each.bias_n for each in predictions])
@@ -51,9 +53,10 @@ def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
             for part, whole in zip(moving, force, strict=True)
         ]
     left = [each.residual_n for each in predictions]
-    size = np.maximum([float(np.sum(each**2)) for each in read], 1e-300)
+    size = np.array([float(np.sum(each**2)) for each in read])
     product = np.array([float(np.sum(a * b)) for a, b in zip(read, left, strict=True)])
-    factor = product / size
+    shown = size > _SHOWN * size.max(initial=0.0)
+    factor = np.where(shown, product, 0.0) / np.where(shown, size, 1.0)
     ways = [[own * each for own, each in zip(factor, shape, strict=True)] for shape in (read, force)]
     told = min(ways, key=lambda way: energy([a - b for a, b in zip(left, way, strict=True)]))
     without = tuple(
@@ -61,7 +64,8 @@ def own_factors(predictions: Sequence[Prediction]) -> OwnFactors:
         for each, more in zip(predictions, told, strict=True)
     )
     share = 1.0 - energy([each.residual_n for each in without]) / max(energy(left), 1e-300)
-    return OwnFactors(factor, float(np.sqrt(np.sum(product * factor) / np.sum(size))), share, without)
+    mean = float(np.sqrt(np.sum(product * factor) / max(size.sum(), 1e-300)))
+    return OwnFactors(factor, mean, share, without)
 
 
 def followed(before: Sequence[Prediction], after: Sequence[Prediction], size: int) -> bool:

@@ -66,6 +66,23 @@ def test_of_a_trial_whose_lines_lie_above_the_band_the_factor_is_that_of_its_mea
     assert found.share > 0.99
 
 
+def test_a_trial_whose_lines_lie_above_the_band_tells_no_factor_where_each_has_a_zero_of_its_own():
+    """What is left of the wave there is rounding, and a thousandth of noise over that would be any factor."""
+    time = 0.01 * np.arange(500)
+    wave = np.sin(2.0 * np.pi * 3.0 * time)[:, None] * np.ones(3)
+    noise = 0.01 * np.random.default_rng(0).normal(size=(3, 500, 3))
+    own = zip((0.04, -0.04, 0.04), (5.0 * wave, 5.0 * wave, 1e-9 * wave), (1.0, 2.0, 3.0), noise, strict=True)
+    seen = [
+        Prediction(
+            "a.csv", time, time, bias + (1.0 + factor) * each + rest, bias + each, 1.0, np.full(3, bias)
+        )
+        for factor, each, bias, rest in own
+    ]
+    found = own_factors(seen)
+    np.testing.assert_allclose(found.factor, [0.04, -0.04, 0.0], atol=1e-3)
+    assert found.size == pytest.approx(0.04, rel=0.02)
+
+
 @pytest.mark.parametrize(("share", "size", "surely"), [(1.0, 1, True), (0.9, 1, False), (0.999, 4, False)])
 def test_factors_that_an_effect_of_few_unknowns_follows_closely_are_no_scatter(share, size, surely):
     """Of seven trials: by chance one unknown follows nine tenths of them now and then, four nearly all."""
