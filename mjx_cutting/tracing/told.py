@@ -18,8 +18,9 @@ from mjx_cutting.tracing.telling.axes import Reading, better_reading
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
-from mjx_cutting.tracing.telling.judged import Judged, judged
+from mjx_cutting.tracing.telling.judged import Judged, in_shares, judged
 from mjx_cutting.tracing.telling.own_constants import own_constants
+from mjx_cutting.tracing.telling.unlike_chips import unlike_chips
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
@@ -97,7 +98,7 @@ def told(
         *others,
     )
     grows = None if grown is None else f"what is left is noise that grows with the force: {grown:.1%} of it"
-    remarks = [str(each) for each in (grows, by.by_axis, *limits) if each is not None]
+    remarks = [str(each) for each in (grows, by.chips, by.by_axis, *limits) if each is not None]
     word["remaining"]["description"] = "; ".join([word["remaining"]["description"], *remarks])
     return Tracing(
         **vars(found),
@@ -112,11 +113,14 @@ def told(
 
 def _judged(found: Pass, known: bool, grown: float | None) -> Judged:
     """The errors by which the word of the verdict is chosen; `known` whether the trials' zeros are."""
-    kind, floor = found.dataset.tool.kind, found.floor_nrmse
+    kind, floor, left = found.dataset.tool.kind, found.floor_nrmse, found.after
     if kind == "drill":
         floor = found.noise_over * noise_in_shares(found.dataset, found.lines)
+        left = in_shares(left)
+    noise = max(floor, grown or 0.0)
+    between = unlike_chips(left, noise, found.dataset.sensor.sample_rate_hz, found.lines.band_hz)
     errors, models = (found.search.base, found.final), (found.before, found.after)
-    return judged(kind, known, errors, models, max(floor, grown or 0.0))
+    return judged(kind, known, errors, models, noise, between)
 
 
 def _caveats(found: Pass, limits: Sequence[object | None]) -> tuple[str, ...]:

@@ -19,20 +19,37 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.fitting.prediction import Prediction, energy
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
+from mjx_cutting.tracing.telling.unlike_chips import SCATTER as CHIPS
 
 _MOST_OF_A_ZERO = 0.1
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Shares of the force: the errors of the models `before` and `after`, and the noise `floor`; `own_zero`
-    that of the zeros of the trials, 0 where they are known; `apart`: each axis is a share of itself."""
+    """The errors of the models `before` and `after`, as shares of the force.
+
+    Fields: `floor` of the noise; `own_zero` share that the zeros of the trials are, 0 where they are known;
+    `apart`: each axis is a share of itself; `unlike` what is left between the lines, if chips are not alike,
+    and is then the floor; `noise` without it.
+    """
 
     before: float
     after: float
     floor: float
     own_zero: float = 0.0
     apart: bool = False
+    unlike: float | None = None
+    noise: float = 0.0
+
+    @property
+    def chips(self) -> str | None:
+        """In words, that chips are not alike."""
+        if self.unlike is None:
+            return None
+        return (
+            f"between the lines {self.unlike:.1%} of the force is left, where noise is {self.noise:.1%}: "
+            f"chips that are not alike, which up to {CHIPS:.0%} of the force counts as noise"
+        )
 
     @property
     def by_axis(self) -> str | None:
@@ -41,7 +58,7 @@ class Judged:
             return None
         return (
             f"thrust and torque, each as a share of itself, are left by {self.after:.1%}, and noise is "
-            f"{self.floor:.1%}"
+            f"{self.noise:.1%}"
         )
 
     @property
@@ -61,24 +78,27 @@ def judged(
     zeros_known: bool,
     errors: tuple[HeldOut, HeldOut],
     predicted: tuple[Sequence[Prediction], Sequence[Prediction]],
-    floor: float,
+    noise: float,
+    unlike: float | None = None,
 ) -> Judged:
     """What the word is chosen by.
 
     Arguments:
         kind: of the tool; `zeros_known` whether the zero of every trial is.
         errors, predicted: of the model without and with what was found.
-        floor: noise as a share of the force; of a drill the mean over thrust and torque.
+        noise: as a share of the force; of a drill the mean over thrust and torque.
+        unlike: what is left between the lines, where chips are not alike (`unlike_chips`).
     """
     shares = [_in_shares(each) if kind == "drill" else each.nrmse for each in errors]
-    known = Judged(shares[0], shares[1], floor, apart=kind == "drill")
+    floor = unlike or noise
+    known = Judged(shares[0], shares[1], floor, apart=kind == "drill", unlike=unlike, noise=noise)
     if kind not in LEVEL_KINDS or zeros_known:
         return known
     before, after = (in_shares(each) if kind == "drill" else each for each in predicted)
     zero = _of_levels(after)
     if zero > _MOST_OF_A_ZERO:
         return known
-    return Judged(_within(before), _within(after), floor, zero, kind == "drill")
+    return replace(known, before=_within(before), after=_within(after), own_zero=zero)
 
 
 def in_shares(predicted: Sequence[Prediction]) -> tuple[Prediction, ...]:

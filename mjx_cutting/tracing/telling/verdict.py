@@ -80,6 +80,9 @@ def verdict(
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     error = less_scatter(judged.after, after)
     most = _of_levels(least) if dataset.tool.kind in LEVEL_KINDS else least
+    if judged.unlike is not None:
+        # one chip larger than the next is so on all axes
+        after = [each for each in after if not (each.covariate == "another axis" and each.of_force <= least)]
     left = _left(after, error, judged.floor, least, most)
     return {
         "format": FORMAT,
