@@ -30,7 +30,7 @@ class Judged:
 
     Fields: `floor` of the noise; `own_zero` share that the zeros of the trials are, 0 where they are known;
     `apart`: each axis is a share of itself; `unlike` what is left between the lines, if chips are not alike,
-    and is then the floor; `noise` without it.
+    and is then the floor for what a name leaves; `noise` without it, for what asks for one.
     """
 
     before: float

@@ -62,8 +62,8 @@ def verdict(
     """
     end = final(found, slow)
     floor = max(floor_nrmse, grown or 0.0)
-    judged = judged or Judged(found.base.nrmse, end.nrmse, floor)
-    least = reached(judged.floor, found.problem.tolerance)
+    judged = judged or Judged(found.base.nrmse, end.nrmse, floor, noise=floor)
+    least, quiet = (reached(each, found.problem.tolerance) for each in (judged.floor, judged.noise))
     if judged.own_zero:
         before, after = ([each for each in some if each.covariate != "trial"] for some in (before, after))
     accepted = [each for each in found.rounds if each.accepted is not None]
@@ -79,7 +79,7 @@ def verdict(
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
     error = less_scatter(judged.after, after)
-    most = _of_levels(least) if dataset.tool.kind in LEVEL_KINDS else least
+    most = max(least, _of_levels(quiet)) if dataset.tool.kind in LEVEL_KINDS else least
     if judged.unlike is not None:
         # one chip larger than the next is so on all axes
         after = [each for each in after if not (each.covariate == "another axis" and each.of_force <= least)]
@@ -91,7 +91,7 @@ def verdict(
             most,
             bool(named),
             bool(ambiguous),
-            _shown(before, dataset, judged.before, judged.floor, least),
+            _shown(before, dataset, judged.before, judged.noise, quiet),
             left,
         ),
         "before": _errors(found.base, lines),
