@@ -45,6 +45,12 @@ def test_a_line_that_the_filter_holds_back_is_not_taken_for_a_stronger_one():
     assert spindle_speed(trial, teeth=20, alias=None) == pytest.approx((500.0 + 26.607) / 20, abs=0.01)
 
 
+def test_tooth_passing_that_folds_beside_another_order_places_the_speed():
+    """With 24 teeth and 1 kHz that of 24.985 rev/s folds to 400.36 Hz, where order 16 has its place."""
+    trial = dataclasses.replace(_tone(24.985, 1000.0, 2.0, order=24, noise=0.2), spindle_speed_rev_s=25.0)
+    assert spindle_speed(trial, teeth=24, alias=None) == pytest.approx(24.985, abs=1e-3)
+
+
 def test_a_slow_change_is_not_taken_for_a_folded_harmonic():
     """With 28 teeth and 1 kHz the second harmonic of 17.85 rev/s folds to .4 Hz, where layers have most."""
     trial = dataclasses.replace(_tone(18.0, 1000.0, 6.0, order=28, noise=0.1), spindle_speed_rev_s=18.0)
