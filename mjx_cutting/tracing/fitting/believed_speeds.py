@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import effect_starts, fit_base
+from mjx_cutting.tracing.fitting.mirrored_speeds import from_the_right_side
 from mjx_cutting.tracing.fitting.problem import pose
 from mjx_cutting.tracing.records.comb import SPREAD
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -31,10 +32,12 @@ def lines_as_it_turned(dataset: Dataset, band_hz: tuple[float, float]) -> Lines:
     """Lines at the speeds that the records tell, where those are believed (call it in float64)."""
     lines = compress(dataset, band_hz)
     stated = np.array([stated_speed(trial) for trial in dataset.trials if trial.kind == "cut"])
-    if dataset.tool.kind in LEVEL_KINDS or not np.any(lines.speed_rev_s < (1.0 - SPREAD) * stated):
+    if dataset.tool.kind in LEVEL_KINDS:
         return lines
-    near = compress(dataset, band_hz, about_rev_s=stated)
-    return lines if _tells_more(dataset, lines, near) else near
+    if np.any(lines.speed_rev_s < (1.0 - SPREAD) * stated):
+        near = compress(dataset, band_hz, about_rev_s=stated)
+        lines = lines if _tells_more(dataset, lines, near) else near
+    return from_the_right_side(dataset, lines)
 
 
 def _tells_more(dataset: Dataset, lines: Lines, near: Lines) -> bool:

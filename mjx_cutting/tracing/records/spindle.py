@@ -41,6 +41,7 @@ _BLOCKS = 1024
 _STRONG = 0.05
 _BESIDE = 0.5
 _APART = 0.5
+_AS_MUCH = 0.995
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -110,7 +111,21 @@ def spindle_speed(
     bin_rev_s = 1.0 / (PAD * time[-1] * orders[int(np.argmax(strength))])
     near = best + step * np.arange(-int(bin_rev_s / step) - 1, int(bin_rev_s / step) + 2)
     energy = _energy_near(signal, time, strongest, best, teeth)
-    return _refine(energy, float(near[int(np.argmax([energy(float(each)) for each in near]))]), step)
+    found = _refine(energy, float(near[int(np.argmax([energy(float(each)) for each in near]))]), step)
+    mirror = mirror_speed(found, teeth, rate_hz(trial))
+    if abs(mirror - middle) < abs(found - middle):
+        here, there = (
+            float(np.sum(comb(signal, time, orders, each, teeth, most))) for each in (found, mirror)
+        )
+        return mirror if there > _AS_MUCH * here else found
+    return found
+
+
+def mirror_speed(speed_rev_s: float, teeth: int, rate_hz: float) -> float:
+    """The speed at which tooth passing, and with it every harmonic of it, folds to where it does at the one
+    given, from the other side of a multiple of half the sampling rate: the same lines, turning backwards."""
+    passing_hz = teeth * speed_rev_s
+    return (rate_hz * float(np.round(2.0 * passing_hz / rate_hz)) - passing_hz) / teeth
 
 
 def as_turned(dataset: Dataset) -> Dataset:
