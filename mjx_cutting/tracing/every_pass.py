@@ -25,6 +25,7 @@ from mjx_cutting.tracing.along.engaged import (
     engaged,
     mostly_in_the_cut,
 )
+from mjx_cutting.tracing.along.flutes import FLUTES
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
@@ -56,8 +57,9 @@ def every_pass(
     """What is found of `kinds` on the trials, and where in them it was looked for, if not over their whole
     length (call it in float64)."""
     named = {kind.name for kind in kinds}
-    # droop is not in lines read at the loaded speed, but in where they stand
-    steady = [kind for kind in kinds if kind.steady and kind.name != DROOP]
+    # droop is not in lines read at the loaded speed, but in where they stand; flutes fill along the hole
+    elsewhere = {DROOP, FLUTES.name} if dataset.tool.kind in LEVEL_KINDS else {DROOP}
+    steady = [kind for kind in kinds if kind.steady and kind.name not in elsewhere]
     dataset, on_path = steady_cuts(dataset)
 
     def one_pass(trials: Dataset, droop_rev_s_nm: float = 0.0) -> Pass:

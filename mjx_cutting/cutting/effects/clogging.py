@@ -6,6 +6,10 @@ over the chip's bulking, 3 to 10). It empties at exit. What is packed may rub to
 falls to the edge constants, nil where packing only shears. Signature: one-sided, towards the end of the arc,
 beyond a threshold in feed x arc. Confused with wear, which does not reset. Chips carried round for several
 turns are not modelled.
+
+A drill's flutes take all the chip of the hole: there fill = c s / A_g, c the feed per tooth and s the depth
+of the hole, `Cut.position_m`; they are empty where it begins. Signature: force and torque rise from a depth
+on that is the less the larger the feed.
 """
 
 from __future__ import annotations
@@ -53,8 +57,12 @@ class Clogging(AbstractEffect):
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         feed_m = jnp.asarray(cut.feed_per_revolution_m())[..., None, None] / model.tool.teeth
-        since = jnp.cos(jnp.asarray(cut.entry_rad))[..., None, None] - jnp.cos(chip.angle_rad)
-        area = feed_m * 0.5 * jnp.asarray(model.tool.diameter_m) * jnp.maximum(since, 0.0)
+        if model.tool.kind == "drill":
+            way_m = jnp.asarray(cut.position_m)[..., None, None]
+        else:
+            since = jnp.cos(jnp.asarray(cut.entry_rad))[..., None, None] - jnp.cos(chip.angle_rad)
+            way_m = 0.5 * jnp.asarray(model.tool.diameter_m) * since
+        area = feed_m * jnp.maximum(way_m, 0.0)
         more = (self.gain * jnp.maximum(area / jnp.asarray(self.capacity_m2) - 1.0, 0.0))[..., None]
         return EdgeForce(force.chip * (1.0 + more), force.edge * (1.0 + self.edge_share * more))
 

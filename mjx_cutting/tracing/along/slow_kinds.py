@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.cutting.effects.layered_material import BORDER_M, TORQUE_POWER
 from mjx_cutting.tracing.along.end_layer import at_the_end
+from mjx_cutting.tracing.along.flutes import FLUTES
 from mjx_cutting.tracing.along.kind import Kind, as_values, listed
 from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
@@ -210,6 +211,7 @@ KINDS: tuple[Kind, ...] = (
     ),
     STAIR,
     HYSTERESIS,
+    FLUTES,
 )
 """Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
 

@@ -35,7 +35,7 @@ from mjx_cutting.tracing.naming.decision import decide
 from mjx_cutting.tracing.records.course import Course
 
 FEWEST_REACHED = 3
-IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis")
+IN_POSITION = ("material_periodicity", "layered_material", "entry_exit", "hysteresis", "clogging")
 _HATS = 24
 _HARDLY = 1e-3
 _SHARE_OF_FREE = 0.85

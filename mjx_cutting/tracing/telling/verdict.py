@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.along.droop import NAME as DROOP
+from mjx_cutting.tracing.along.flutes import FLUTES
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.along.slow_round import SlowRound
@@ -115,7 +116,8 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
     """Registered effects whose telling covariate is absent, or that tracing cannot look for."""
     missing = []
     slow = {kind.name for kind in KINDS}
-    shown = slow | {VIBRATION}
+    shown = slow | {VIBRATION} if dataset.tool.kind == "drill" else (slow | {VIBRATION}) - {FLUTES.name}
+    by_place = BY_PLACE if dataset.tool.kind not in LEVEL_KINDS else (*BY_PLACE, FLUTES.name)
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     for name in _physical():
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
@@ -126,7 +128,7 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
                 missing.append({"name": name, "needs": "spindle angle or spindle speed"})
         elif dataset.tool.kind in LEVEL_KINDS and not (name in shown or _shows_in_levels(effect_class(name))):
             missing.append({"name": name, "needs": "a cutter whose force changes over a turn"})
-        elif name in BY_PLACE and not feeds_differ([trial.feed_speed_m_s for trial in cuts]):
+        elif name in by_place and not feeds_differ([trial.feed_speed_m_s for trial in cuts]):
             missing.append({"name": name, "needs": "cuts at different feeds, which tell a place from a time"})
         elif not effect_class(name).steady and name not in slow and name not in BESIDE_LINES:
             missing.append({"name": name, "needs": needs(name)})

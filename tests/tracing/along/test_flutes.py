@@ -1,0 +1,94 @@
+"""A drill's flutes that fill: a rise of force from a depth on that is the less the larger the feed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjx_cutting.cutting import effect_class
+from mjx_cutting.tracing import predict_trials, trace
+from mjx_cutting.tracing.along.flutes import cut_since, rather_in_time
+from mjx_cutting.tracing.records.course import Course
+from mjx_cutting.tracing.telling.verdict import not_testable
+from mjx_cutting.trials.dataset import Dataset, Trial
+
+TRIED = ["clogging", "layered_material", "material_periodicity", "flank_wear", "size_effect"]
+GAIN, CAPACITY_M2 = 0.6, 1e-6
+
+
+def _times(dataset: Dataset, factor: Callable[[Trial], np.ndarray]) -> Dataset:
+    """The trials with force and torque times a factor along each."""
+    trials = []
+    for each in dataset.trials:
+        by = factor(each) if each.kind == "cut" else np.ones(each.samples)
+        trials.append(replace(each, force_n=by[:, None] * each.force_n, torque_nm=by * each.torque_nm))
+    return replace(dataset, trials=tuple(trials))
+
+
+def _clogged(trial: Trial) -> np.ndarray:
+    area = trial.feed_speed_m_s / (2.0 * trial.spindle_speed_rev_s) * trial.feed_speed_m_s * trial.time_s
+    return 1.0 + GAIN * np.maximum(area / CAPACITY_M2 - 1.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def clogged(hiding) -> Dataset:
+    return _times(hiding({}, design="drill"), _clogged)
+
+
+def test_flutes_that_fill_are_named_with_what_they_hold(clogged):
+    found = trace(clogged, effects=TRIED)
+    verdict = found.verdict
+    assert [each["name"] for each in verdict["effects"]] == ["clogging"]
+    told = verdict["effects"][0]["parameters"]
+    assert told["gain"]["low"] < GAIN < told["gain"]["high"]
+    assert told["gain"]["value"] == pytest.approx(GAIN, rel=0.1)
+    assert told["capacity_m2"]["value"] == pytest.approx(CAPACITY_M2, rel=0.05)
+    assert verdict["after"]["heldout_nrmse"] < 0.2 * verdict["before"]["heldout_nrmse"]
+    again = predict_trials(clogged, found.model)
+    left = np.sqrt(sum(np.sum(each.residual_n**2) for each in again))
+    assert left < 0.2 * np.sqrt(sum(np.sum(each.residual_n**2) for each in found.before))
+
+
+@pytest.mark.parametrize(
+    "factor",
+    [lambda trial: 1.0 + 0.2 * np.maximum(trial.time_s - 2.0, 0.0), lambda trial: 1.0 + 0.1 * trial.time_s],
+)
+def test_what_takes_the_same_time_at_every_feed_is_no_clogging(hiding, factor):
+    verdict = trace(_times(hiding({}, design="drill"), factor), effects=TRIED).verdict
+    assert verdict["verdict"] == "unexplained" and verdict["effects"] == []
+
+
+def test_a_rise_from_one_time_on_is_told_from_one_with_the_chip_cut():
+    """Six holes, one feed each, whose force rises with one or the other."""
+    time = np.arange(800) / 200.0
+    clogging = effect_class("clogging")(GAIN, CAPACITY_M2, 1.0)
+
+    def hole(feed: float, by_time: bool) -> Course:
+        force = np.full((len(time), 3), 100.0)
+        bare = Course(time, feed * time, None, force, 0.0 * force, force, 200.0, (0.0, 80.0), pitch_s=0.02)
+        over = time - 2.0 if by_time else cut_since(bare) / CAPACITY_M2 - 1.0
+        rise = GAIN * np.maximum(over, 0.0)[:, None] * force
+        return replace(bare, left_n=rise + np.random.default_rng(0).normal(size=force.shape))
+
+    for by_time in (False, True):
+        holes = [hole(feed, by_time) for feed in (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 8e-3)]
+        assert bool(rather_in_time(holes, clogging)) is by_time
+
+
+def test_where_nothing_fills_none_is_named(hiding):
+    verdict = trace(hiding({}, design="drill"), effects=["clogging"]).verdict
+    assert verdict["verdict"] == "nothing missing"
+
+
+def test_a_turning_tool_has_no_flutes_and_one_feed_tells_none(hiding, clogged):
+    def needed(dataset: Dataset) -> str | None:
+        return next((each["needs"] for each in not_testable(dataset) if each["name"] == "clogging"), None)
+
+    assert needed(clogged) is None
+    assert needed(hiding({}, design="turning")) == "a cutter whose force changes over a turn"
+    first = clogged.trials[0].feed_speed_m_s
+    alike = tuple(replace(each, feed_speed_m_s=first) for each in clogged.trials)
+    assert needed(replace(clogged, trials=alike)) == "cuts at different feeds, which tell a place from a time"
