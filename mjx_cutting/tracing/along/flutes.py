@@ -2,7 +2,7 @@
 
 What has been cut since the hole began is the feed per tooth times its depth. Beyond what a flute holds, force
 and torque rise in proportion: at a large feed from a small depth on, at a small one from a large depth. That
-tells it from a layer, which begins at one depth at every feed, and from what takes the same time.
+tells it from what begins at one depth at every feed, and from what takes the same time.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.tracing.along.kind import Kind, listed
-from mjx_cutting.tracing.along.shapes import Sums, profiled_sums, solve
+from mjx_cutting.tracing.along.shapes import Sums, profiled_sums
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 NAME = "clogging"
 _CAPACITIES = 48
 _LEAST, _MOST = 0.05, 0.95
 _CLOSER = 13
-_AS_GOOD = 0.9
+_CLEARLY_MORE = 1.25
 Array = NDArray[np.floating]
 
 
@@ -92,34 +92,44 @@ def _parts(effect: AbstractEffect) -> tuple[Array, Array]:
     return listed(effect, "capacity_m2", "edge_share"), listed(effect, "gain")
 
 
-def rather_in_time(courses: Sequence[Course], effect: AbstractEffect) -> str:
-    """Why clogging is refused where a force that rises from one time on at every feed explains as much; ""
-    where that does not."""
-    shape, _ = _parts(effect)
-    longest = max(float(each.time_s[-1]) for each in courses)
-    times = longest * np.linspace(0.0, _MOST, _CAPACITIES)[:, None]
+def rather_a_rise(courses: Sequence[Course], effect: AbstractEffect) -> str:
+    """Why clogging is refused where a force that rises from one depth, or one time, on, the same at every
+    feed, leaves about as little; "" where neither does. By how much is left to each hole: how large the force
+    is that rises, a steady model fitted to clogged holes does not know."""
+    share = float(_parts(effect)[0][1])
 
     def carrier(course: Course) -> Array:
-        return course.force(float(shape[1]))[..., None]
+        return course.force(share)[..., None]
 
-    def risen(time_s: Array, shapes: Array) -> Array:
-        over = np.maximum(time_s - shapes, 0.0)
-        return np.broadcast_to(over[..., None], (*over.shape, 3))
+    capacities = _capacities(courses)
+    of_chip = _left(courses, _sums(courses, capacities[capacities[:, 1] == share]))
+    ways = {"depth": lambda each: each.position_m, "time": lambda each: each.time_s}
+    for name, along in ways.items():
+        ends = np.array([(along(each).min(), along(each).max()) for each in courses])
+        starts = np.linspace(ends.min(), ends.min() + _MOST * np.ptp(ends), _CAPACITIES)[:, None]
+        if _left(courses, profiled_sums(courses, along, carrier, _risen, starts)) < _CLEARLY_MORE * of_chip:
+            return (
+                f"a force that rises from one {name} on, the same at every feed, leaves hardly more than "
+                "flutes that fill; drill at feeds further apart"
+            )
+    return ""
 
-    by_time = _fall(courses, profiled_sums(courses, lambda each: each.time_s, carrier, risen, times))
-    if by_time < _AS_GOOD * _fall(courses, _sums(courses, shape[None])):
-        return ""
-    return (
-        "a force that rises from one time on, the same at every feed, explains as much as flutes that fill; "
-        "drill at feeds further apart"
-    )
+
+def _risen(way: Array, starts: Array) -> Array:
+    """[P, T, 3] by how far places or times [T] are beyond each start [P, 1]."""
+    over = np.maximum(way - starts, 0.0)
+    return np.broadcast_to(over[..., None], (*over.shape, 3))
 
 
-def _fall(courses: Sequence[Course], of_them: Sums) -> float:
-    """Fall of the squared error at the best of the shapes, every axis in units of what is left on it."""
-    left = np.sqrt(np.mean([np.mean(each.left_n**2, axis=0) for each in courses], axis=0))
-    weight = np.where(left > 0.0, 1.0 / np.where(left > 0.0, left, 1.0), 0.0)
-    return float(solve(of_them, np.ones(len(courses)), weight)[2].max())
+def _left(courses: Sequence[Course], of_them: Sums) -> float:
+    """Squared error left at the best of the shapes with a gain of each hole's own, beside what a change of
+    the whole hole could imitate; every axis in units of what is left without."""
+    measured = np.any([each.left_n.any(axis=0) for each in courses], axis=0)
+    axes = np.sum([np.sum(each.own(each.left_n[..., None]) ** 2, axis=(0, 2)) for each in courses], axis=0)
+    weight = np.where(measured, 1.0 / np.where(measured, axes, 1.0), 0.0)
+    square, product = of_them.square[..., 0, 0] @ weight, of_them.product[..., 0] @ weight
+    fall = np.sum(product**2 / np.maximum(square, 1e-300), axis=0)
+    return float(axes @ weight - fall.max())
 
 
 FLUTES = Kind(
@@ -129,7 +139,7 @@ FLUTES = Kind(
     _columns,
     _effect,
     _parts,
-    rather=rather_in_time,
+    rather=rather_a_rise,
     refine=_near,
     sums=_sums,
 )

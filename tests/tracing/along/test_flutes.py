@@ -10,13 +10,13 @@ import pytest
 
 from mjx_cutting.cutting import effect_class
 from mjx_cutting.tracing import predict_trials, trace
-from mjx_cutting.tracing.along.flutes import cut_since, rather_in_time
+from mjx_cutting.tracing.along.flutes import cut_since, rather_a_rise
 from mjx_cutting.tracing.records.course import Course
 from mjx_cutting.tracing.telling.verdict import not_testable
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 TRIED = ["clogging", "layered_material", "material_periodicity", "flank_wear", "size_effect"]
-GAIN, CAPACITY_M2 = 0.6, 1e-6
+GAIN, CAPACITY_M2 = 0.1, 2e-7
 
 
 def _times(dataset: Dataset, factor: Callable[[Trial], np.ndarray]) -> Dataset:
@@ -54,28 +54,34 @@ def test_flutes_that_fill_are_named_with_what_they_hold(clogged):
 
 @pytest.mark.parametrize(
     "factor",
-    [lambda trial: 1.0 + 0.2 * np.maximum(trial.time_s - 2.0, 0.0), lambda trial: 1.0 + 0.1 * trial.time_s],
+    [
+        lambda trial: 1.0 + 0.2 * np.maximum(trial.time_s - 2.0, 0.0),
+        lambda trial: 1.0 + 0.1 * trial.time_s,
+        lambda trial: 1.0 + 20.0 * (trial.feed_speed_m_s * trial.time_s - 4e-3),
+    ],
 )
-def test_what_takes_the_same_time_at_every_feed_is_no_clogging(hiding, factor):
+def test_what_goes_with_time_or_depth_alike_at_every_feed_is_no_clogging(hiding, factor):
     verdict = trace(_times(hiding({}, design="drill"), factor), effects=TRIED).verdict
     assert verdict["verdict"] == "unexplained" and verdict["effects"] == []
 
 
-def test_a_rise_from_one_time_on_is_told_from_one_with_the_chip_cut():
+@pytest.mark.parametrize("way", ["chip", "time", "depth", "slope"])
+def test_a_rise_with_the_chip_cut_is_told_from_one_from_a_time_or_a_depth_on(way):
     """Six holes, one feed each, whose force rises with one or the other."""
     time = np.arange(800) / 200.0
-    clogging = effect_class("clogging")(GAIN, CAPACITY_M2, 1.0)
+    clogging = effect_class("clogging")(0.6, 1e-6, 1.0)
 
-    def hole(feed: float, by_time: bool) -> Course:
+    def hole(feed: float) -> Course:
         force = np.full((len(time), 3), 100.0)
         bare = Course(time, feed * time, None, force, 0.0 * force, force, 200.0, (0.0, 80.0), pitch_s=0.02)
-        over = time - 2.0 if by_time else cut_since(bare) / CAPACITY_M2 - 1.0
-        rise = GAIN * np.maximum(over, 0.0)[:, None] * force
+        area = cut_since(bare) / 1e-6
+        over = {"chip": area - 1.0, "time": time - 2.0, "depth": 200.0 * feed * time - 2.0}
+        over["slope"] = 200.0 * feed * time
+        rise = 0.6 * np.maximum(over[way], 0.0)[:, None] * force
         return replace(bare, left_n=rise + np.random.default_rng(0).normal(size=force.shape))
 
-    for by_time in (False, True):
-        holes = [hole(feed, by_time) for feed in (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 8e-3)]
-        assert bool(rather_in_time(holes, clogging)) is by_time
+    holes = [hole(feed) for feed in (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 8e-3)]
+    assert bool(rather_a_rise(holes, clogging)) == (way != "chip")
 
 
 def test_where_nothing_fills_none_is_named(hiding):
