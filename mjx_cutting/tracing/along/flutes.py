@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.tracing.along.kind import Kind, listed
-from mjx_cutting.tracing.along.shapes import Sums, profiled_sums
+from mjx_cutting.tracing.along.shapes import Sums, profiled_sums, put_together
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 NAME = "clogging"
@@ -74,10 +74,7 @@ def _sums(courses: Sequence[Course], shapes: Array) -> Sums:
 
         parts.append(profiled_sums(courses, cut_since, carrier, _profile, shapes[here]))
         places.append(here)
-    order = np.argsort(np.concatenate(places))
-    sides = zip(*((each.square, each.product) for each in parts), strict=True)
-    square, product = (np.concatenate(side, axis=1)[:, order] for side in sides)
-    return Sums(square, product)
+    return put_together(parts, places)
 
 
 def _profile(area_m2: Array, shapes: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.tracing.along.at_teeth import SHORTEST_M
 from mjx_cutting.tracing.along.kind import Kind, listed
-from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums
+from mjx_cutting.tracing.along.shapes import Sums, harmonic_sums, put_together
 from mjx_cutting.tracing.records.course import Course, at_several_feeds
 
 _MOST_SHAPES = 2000
@@ -80,12 +80,7 @@ def _sums(courses: Sequence[Course], shapes: Array) -> Sums:
             each = [(np.arange(len(here)), _sums_at_centre(courses, shapes[here, 0], float(share)))]
         places += [here[of_it] for of_it, _ in each]
         parts += [found for _, found in each]
-    order = np.argsort(np.concatenate(places))
-    square, product = (
-        np.concatenate(side, axis=1)[:, order]
-        for side in zip(*((each.square, each.product) for each in parts), strict=True)
-    )
-    return Sums(square, product)
+    return put_together(parts, places)
 
 
 def _sums_at_centre(courses: Sequence[Course], wavelength: Array, share: float) -> Sums:

@@ -34,6 +34,14 @@ class Sums:
     product: Array
 
 
+def put_together(parts: Sequence[Sums], places: Sequence[NDArray[np.integer]]) -> Sums:
+    """The sums of some shapes each as those of all, in the order of their `places` [P] among them."""
+    order = np.argsort(np.concatenate(places))
+    sides = zip(*((each.square, each.product) for each in parts), strict=True)
+    square, product = (np.concatenate(side, axis=1)[:, order] for side in sides)
+    return Sums(square, product)
+
+
 def sums(columns: Callable[[Course, Array], Array], courses: Sequence[Course], shapes: Array) -> Sums:
     """Sufficient statistics over shapes [P, d] of `columns`, [T, 3, k] at one shape, less what each trial can
     imitate (`Course.same`)."""

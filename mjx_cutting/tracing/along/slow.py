@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.tracing.along.at_once import fitted_together, with_together
 from mjx_cutting.tracing.along.end_layer import rather_a_slope
+from mjx_cutting.tracing.along.flutes import of_a_drill
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.periodic import PERIODIC
 from mjx_cutting.tracing.along.slow_kinds import KINDS, LAYERED, of_each_direction, of_the_chip, that_blend
@@ -92,7 +93,7 @@ def _layers_in_the_best_way(
     if not _like_layers(found):
         return found
     blended = False
-    if any(np.ptp(each.border_power) > 0.0 for each in trials):
+    if of_a_drill(trials):
         other = search(that_blend(kinds), whole_force)
         if blended := _left_by(other).nrmse < _MUCH_LESS * _left_by(found).nrmse:
             found = other
@@ -114,7 +115,7 @@ def _rather_ramps(trials: Sequence[Course], rounds: Sequence[SlowRound]) -> Slow
     """The first of the layers found, refused, where they are even over less than most of the way between
     their borders; None where they are, and of drills, whose lips meet a border one place after another."""
     layers = [each.accepted for each in rounds if each.accepted and each.accepted.kind.name == LAYERED]
-    if not layers or any(np.ptp(each.border_power) > 0.0 for each in trials) or _has_steps(layers):
+    if not layers or of_a_drill(trials) or _has_steps(layers):
         return None
     why = (
         f"the borders of its layers are {1e3 * layers[0].shape[2]:.3g} mm wide, more than {_BLENDED:.0%} of "

@@ -32,9 +32,7 @@ def from_the_right_side(dataset: Dataset, lines: Lines) -> Lines:
     in float64)."""
     mirror = _mirrors(dataset, lines)
     twofold = np.isfinite(mirror)
-    for _ in range(_ROUNDS):
-        if not twofold.any():
-            break
+    for _ in range(_ROUNDS if twofold.any() else 0):
         problem, fit = fit_base(pose(dataset, lines))
         about = np.where(twofold, mirror, lines.speed_rev_s)
         other = compress(dataset, lines.band_hz, about_rev_s=about)

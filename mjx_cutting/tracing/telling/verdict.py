@@ -116,7 +116,7 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
     """Registered effects whose telling covariate is absent, or that tracing cannot look for."""
     missing = []
     slow = {kind.name for kind in KINDS}
-    shown = slow | {VIBRATION} if dataset.tool.kind == "drill" else (slow | {VIBRATION}) - {FLUTES.name}
+    shown = (slow | {VIBRATION}) - (set() if dataset.tool.kind == "drill" else {FLUTES.name})
     by_place = BY_PLACE if dataset.tool.kind not in LEVEL_KINDS else (*BY_PLACE, FLUTES.name)
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     for name in _physical():
