@@ -9,7 +9,7 @@ import numpy as np
 
 from mjx_cutting.trials.dataset import Dataset, Trial
 
-from . import chatter, continuous, outside, sensing
+from . import chatter, continuous, outside, sensing, shaking
 from .designs import Plan, TrueCut, plan, stream
 from .milling import Array, Milling, Params, grid_force, settle, smear
 from .strengths import OUTSIDE, draw, milling_of
@@ -155,6 +155,10 @@ def _trial(
         else:
             force = chatter.onto_grid(*shaken, time[0], len(time), fine_hz)
         force = smear(force, _lag_s(work, drawn), fine_hz)
+        if "process_damping" in drawn:
+            p = drawn["process_damping"]
+            pressed = smear(shaking.rubbing(work, time, p), _lag_s(work, drawn), fine_hz)
+            force = force + pressed * shaking.motion(time, index, p)[1][:, None]
     place = work.position(time)
     force = force * outside.gain(time, place, force, session, cut, drawn, index)[:, None]
     angle = work.phase_rad + 2.0 * np.pi * work.speed_rev_s * time
@@ -170,13 +174,15 @@ def _trial(
         record = record * np.array([np.nan, np.nan, 1.0])
     position = np.zeros((count, 3))
     position[:, 0] = work.position(stamps)
+    if "process_damping" in drawn:
+        position[:, 1] = shaking.encoded(stamps, index, drawn["process_damping"])
     noisy = own.normal(0.0, 0.004 * cut.feed_m_s, count)
     return Trial(
         file=f"t{index + 1:02d}.csv", kind=cut.kind, milling=cut.milling,  # type: ignore[arg-type]
         spindle_speed_rev_s=cut.nominal_rev_s, feed_speed_m_s=cut.feed_m_s, radial_depth_m=cut.depth_m,
         axial_width_m=cut.width_m, tool_id=cut.tool_id, cut_length_before_m=cut.length_before_m,
         clock_start_s=cut.clock_s, time_s=stamps, force_n=record, torque_nm=torque,
-        position_m=position if session.position else None,
+        position_m=position if session.position or "process_damping" in drawn else None,
         feed_speed_measured_m_s=measured_feed(stamps) + noisy if session.feed else None,
     )  # fmt: skip
 

@@ -30,6 +30,7 @@ STRENGTH = {
     "layered_material": "change",
     "entry_exit": "start_m",
     "hysteresis": "coulomb_n",
+    "process_damping": "damping_n_m",
     "sensor_lowpass": "cutoff_hz",
     "sensor_resonance": "frequency_hz",
     "crosstalk": "coupling",

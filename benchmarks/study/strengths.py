@@ -193,6 +193,15 @@ def _hysteresis(plan: Plan, g: float, rng: np.random.Generator) -> Params:
     }
 
 
+def _damping(plan: Plan, g: float, rng: np.random.Generator) -> Params:
+    return {
+        "damping_n_m": 4e5 * g * _spread(rng),
+        "vibration_m": 2e-5,
+        "between_hz": _of(plan, mill=1.0, saw=0.5) * np.array([70.0, 240.0]),
+        "seed": int(rng.integers(2**31)),
+    }
+
+
 def _lowpass(plan: Plan, g: float, rng: np.random.Generator) -> Params:
     band = plan.sensor.anti_alias.hz if plan.sensor.anti_alias else 0.5 * plan.sensor.sample_rate_hz
     return {"cutoff_hz": 0.45 * band / g**0.7 * _spread(rng), "order": float(rng.integers(1, 5))}
@@ -253,6 +262,7 @@ DRAWS: dict[str, tuple[tuple[str, ...], Draw]] = {
     "layered_material": (ALL, _layer),
     "entry_exit": (MILLS, _entry),
     "hysteresis": (("mill", "saw", "turning"), _hysteresis),
+    "process_damping": (MILLS, _damping),
     "sensor_lowpass": (MILLS, _lowpass),
     "sensor_resonance": (MILLS, _resonance),
     "crosstalk": (("mill", "saw", "turning"), _crosstalk),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.along.ends import NAME as ENDS
 from mjx_cutting.tracing.along.engaged import in_the_air
-from mjx_cutting.tracing.along.presliding import HYSTERESIS, Columns, rather_in_time
+from mjx_cutting.tracing.along.presliding import HYSTERESIS, Columns, rather_otherwise
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_round import SlowRound
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -63,7 +63,7 @@ def loop_in_air(
     kind = replace(
         HYSTERESIS,
         columns=_in_air(HYSTERESIS.columns),
-        rather=lambda courses, effect: rather_in_time(courses, effect, _in_air),
+        rather=lambda courses, effect: rather_otherwise(courses, effect, _in_air),
         testable=lambda courses: True,
     )
     rounds = search_slow(courses, before, weight, kinds=(kind,), tolerance=tolerance)
@@ -89,12 +89,12 @@ def loop_in_air(
 
 def _without_drag(dataset: Dataset, drag: AbstractEffect) -> Dataset:
     """The cuts less the drag of the drive along their way."""
-    values, delay_s = drag.values(), filter_delay_s(dataset.sensor)
-    c = np.array([float(np.asarray(values[name])) for name in ("coulomb_n", "viscous_n_s_m")])
+    assert HYSTERESIS.parts is not None
+    (shape, c), delay_s = HYSTERESIS.parts(drag), filter_delay_s(dataset.sensor)
     trials = []
     for trial in dataset.trials:
         if trial.kind == "cut":
-            columns = HYSTERESIS.columns(_course(trial, dataset, delay_s), np.array([values["presliding_m"]]))
+            columns = HYSTERESIS.columns(_course(trial, dataset, delay_s), shape)
             trial = replace(trial, force_n=trial.force_n - columns @ c)
         trials.append(trial)
     return replace(dataset, trials=tuple(trials))

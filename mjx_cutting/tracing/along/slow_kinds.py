@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.cutting.effects.layered_material import BORDER_M, TORQUE_POWER
+from mjx_cutting.tracing.along.damped import DAMPED
 from mjx_cutting.tracing.along.end_layer import at_the_end
 from mjx_cutting.tracing.along.flutes import FLUTES
 from mjx_cutting.tracing.along.kind import Kind, as_values, listed
@@ -212,6 +213,7 @@ KINDS: tuple[Kind, ...] = (
     STAIR,
     HYSTERESIS,
     FLUTES,
+    DAMPED,
 )
 """Slow effects that tracing looks for by itself, beside the ends of the sheet (`ends`)."""
 

@@ -18,7 +18,7 @@ from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from mjx_cutting import _platform
-from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, effect_class
 from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.effects.abstract import EdgeForce
 from mjx_cutting.cutting.effects.layered_material import TORQUE_POWER
@@ -27,7 +27,7 @@ from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction, without_droop
 from mjx_cutting.tracing.fitting.problem import Problem, model_lines
 from mjx_cutting.tracing.fitting.sheets import Sheets
-from mjx_cutting.tracing.records.course import Course, felt_at
+from mjx_cutting.tracing.records.course import Course, beside_path, felt_at
 from mjx_cutting.tracing.records.even_time import later
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import filter_delay_s
@@ -64,6 +64,13 @@ def courses(
         found = wave(lines, index, angle_rad, columns.reshape(len(columns), -1), rate_hz)
         return found.reshape(-1, 3, 3)
 
+    damping = cache(partial(_damping, problem, model))
+
+    def damped(index: int, angle_rad: Array) -> Array:
+        columns = np.moveaxis(damping()[:, index], 0, -1)
+        found = wave(lines, index, angle_rad, columns.reshape(len(columns), -1), rate_hz)
+        return found.reshape(-1, 3, 2)
+
     border_power = (1.0, 1.0, 1.0)
     if dataset.tool.kind == "drill":
         border_power = (1.0, TORQUE_POWER, 1.0)  # nothing, torque, thrust
@@ -95,6 +102,8 @@ def courses(
                 at_teeth=at_teeth,
                 by_direction=cache(partial(by_direction, index, each.angle_rad)),
                 border_power=border_power,
+                beside_m=beside_path(trial, dataset.axes, delay_s),
+                damped_n=cache(partial(damped, index, each.angle_rad)),
             )
         )
     return tuple(found)
@@ -120,6 +129,32 @@ class _Only(AbstractEffect):
 
     def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
         return EdgeForce(force.chip * self.share, force.edge * self.share)
+
+
+class _Plunging(AbstractEffect):
+    """The force of process damping alone, of a tool that moves into the sheet at 1 m/s."""
+
+    stage = "edge"
+
+    damping: AbstractEffect
+
+    def edge(self, force: EdgeForce, chip: Chip, cut: Cut, model: ForceModel) -> EdgeForce:
+        none = EdgeForce(jnp.zeros_like(force.chip), jnp.zeros_like(force.edge))
+        return self.damping.edge(none, chip, _plunging(cut), model)
+
+    def body(self, force: jax.Array, cut: Cut, model: ForceModel) -> jax.Array:
+        return self.damping.body(force, _plunging(cut), model)
+
+
+def _plunging(cut: Cut) -> Cut:
+    return cut.replace(vibration_x_m_s=0.0, vibration_y_m_s=1.0)
+
+
+def _damping(problem: Problem, model: ForceModel) -> Complex:
+    """[2, R, orders + 1, 3] lines of process damping of 1 N/m at 1 m/s, of each tooth and of the tool, N."""
+    ways = [effect_class("process_damping")(1.0, of_tool) for of_tool in (0.0, 1.0)]
+    found = [_lines_of(problem, model.with_effects(_Plunging(each))) for each in ways]
+    return np.stack(found) - _beside(problem, model)
 
 
 def _directions(problem: Problem, model: ForceModel) -> Complex:

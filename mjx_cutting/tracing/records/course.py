@@ -13,14 +13,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mjx_cutting.trials.dataset import Trial
+from mjx_cutting.tracing.records.legs import Legs, legs_of, smoothed
+from mjx_cutting.trials.dataset import Trial, columns_to_process
 
 _FEEDS_APART = 1.1
 _KNOWN = 1.0
 _STRETCHES = 12
 _AT_REST = 0.02
-_TURNS_BACK = 0.005
 _WHITE = 4.0
+_OF_THE_FED = 0.2
 Array = NDArray[np.floating]
 
 
@@ -48,6 +49,10 @@ class Course:
             where not known.
         border_power: [3] what power of the way across a border of two layers the force along each axis goes
             with.
+        beside_m: [T] measured place across the path, into the sheet, `delay_s` before; None where it was not
+            measured, or is still.
+        damped_n: [T, 3, 2] force of process damping of 1 N/m, of each tooth and of the tool as one, moving
+            into the sheet at 1 m/s; None where not known.
     """
 
     time_s: Array
@@ -70,6 +75,8 @@ class Course:
     at_teeth: Callable[[Sequence[float]], NDArray[np.complexfloating]] | None = None
     by_direction: Callable[[], Array] | None = None
     border_power: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    beside_m: Array | None = None
+    damped_n: Callable[[], Array] | None = None
 
     def without(self, fold: int) -> Course:
         """The trial under the steady model that was fitted without a fold."""
@@ -127,9 +134,14 @@ class Course:
         return np.where(self.time_s < self.delay_s, start, self.position_m)
 
     @cached_property
-    def legs(self) -> tuple[tuple[slice, float], ...]:
-        """Stretches of the record in which the tool goes one way, and which: 1.0 forth, -1.0 back."""
-        return _legs(self.way_m)
+    def legs(self) -> Legs:
+        """How the tool goes along its path."""
+        return legs_of(self.way_m)
+
+    @cached_property
+    def legs_beside(self) -> Legs | None:
+        """How it goes across the path; None where that was not measured."""
+        return None if self.beside_m is None else legs_of(self.beside_m)
 
     @cached_property
     def same(self) -> Array:
@@ -143,24 +155,6 @@ class Course:
         return left * (size > 1e-6 * size[0])
 
 
-def _legs(way_m: Array) -> tuple[tuple[slice, float], ...]:
-    """Stretches of a way [T] between those turns after which it goes back by more than a share of it all."""
-    found: list[tuple[slice, float]] = []
-    first = 0
-    band = _TURNS_BACK * float(np.ptp(way_m))
-    gone = way_m - way_m[0]
-    far = np.flatnonzero(np.abs(gone) > band)
-    forth = 1.0 if not len(far) or gone[far[0]] > 0.0 else -1.0
-    while True:
-        along = forth * way_m[first:]
-        back = np.flatnonzero(np.maximum.accumulate(along) - along > band)
-        if not len(back):
-            return (*found, (slice(first, len(way_m)), forth))
-        turn = first + int(np.argmax(along[: back[0] + 1]))
-        found.append((slice(first, turn), forth))
-        first, forth = turn, -forth
-
-
 def rate_hz(trial: Trial) -> float:
     """Samples a second of a record, Hz."""
     return (len(trial.time_s) - 1) / float(trial.time_s[-1] - trial.time_s[0])
@@ -169,8 +163,8 @@ def rate_hz(trial: Trial) -> float:
 def along_path(trial: Trial) -> Array:
     """[T] position along the path, m: the measured axis that moves most, or the feed's integral from zero. A
     place that is off an even feed by white noise alone is that of the even feed."""
-    if trial.position_m is not None:
-        axis = int(np.argmax(np.ptp(trial.position_m, axis=0)))
+    axis = path_axis(trial)
+    if trial.position_m is not None and axis is not None:
         place = _evened(trial.time_s, trial.position_m[:, axis])
         return place if _goes_up(place) else -place
     time = trial.time_s - trial.time_s[0]
@@ -178,6 +172,17 @@ def along_path(trial: Trial) -> Array:
         step = np.diff(time, prepend=time[0])
         return np.cumsum(trial.feed_speed_measured_m_s * step)
     return trial.feed_speed_m_s * time
+
+
+def path_axis(trial: Trial) -> int | None:
+    """The measured axis that moves most; None where no place was measured, or only one beside the path, which
+    moves by far less than was fed."""
+    if trial.position_m is None:
+        return None
+    moved = np.ptp(trial.position_m, axis=0)
+    fed = trial.feed_speed_m_s * float(trial.time_s[-1] - trial.time_s[0])
+    beside_only = np.count_nonzero(moved) < len(moved) and moved.max() < _OF_THE_FED * fed
+    return None if beside_only else int(np.argmax(moved))
 
 
 def _evened(time_s: Array, place: Array) -> Array:
@@ -205,6 +210,18 @@ def felt_at(trial: Trial, delay_s: float) -> Array:
     before = time - delay_s < time[0]
     sooner[before] = place[0] - trial.feed_speed_m_s * (delay_s - (time[before] - time[0]))
     return sooner
+
+
+def beside_path(trial: Trial, axes: Sequence[str] | None, delay_s: float) -> Array | None:
+    """[T] measured place across the path, into the sheet (+y), m, a while before each sample; None where it
+    was not measured, is still, or is the path. `axes` as of the dataset."""
+    if trial.position_m is None:
+        return None
+    across, axis = columns_to_process(trial.position_m, axes)[:, 1], path_axis(trial)
+    is_path = axis is not None and columns_to_process(np.eye(3)[axis], axes)[1] != 0.0
+    if is_path or np.ptp(across) == 0.0:
+        return None
+    return np.interp(trial.time_s - delay_s, trial.time_s, smoothed(across))
 
 
 def feeds_differ(feeds_m_s: Sequence[float]) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjx_cutting.tracing.records.course import path_axis
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 
@@ -22,8 +23,8 @@ def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
             "spindle_speed_measured_rev_s", "feed_speed_measured_m_s",
         )
     }  # fmt: skip
-    if trial.position_m is None:
-        records["position_m"] = np.column_stack([place[part], np.zeros((part.stop - part.start, 2))])
+    if path_axis(trial) is None:
+        records["position_m"] = _with_path(trial, place)[part]
     # what is driven back cuts nothing
     way = max(float(place[part.start] - place[0]), 0.0)
     return replace(
@@ -32,6 +33,13 @@ def part_of(trial: Trial, place: NDArray[np.floating], part: slice) -> Trial:
         clock_start_s=trial.clock_start_s + float(trial.time_s[part.start] - trial.time_s[0]),
         **records,
     )
+
+
+def _with_path(trial: Trial, place: NDArray[np.floating]) -> NDArray[np.floating]:
+    """[T, 3] what was measured of a trial's position, with its way in an axis of which nothing was."""
+    position = np.zeros((trial.samples, 3)) if trial.position_m is None else trial.position_m.copy()
+    position[:, np.argmin(np.ptp(position, axis=0))] = place
+    return position
 
 
 def without_force(dataset: Dataset, force_n: Iterable[NDArray[np.floating]]) -> Dataset:

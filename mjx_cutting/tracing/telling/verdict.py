@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mjx_cutting.cutting import AbstractEffect, effect_class, effect_names
 from mjx_cutting.tracing.along.droop import NAME as DROOP
 from mjx_cutting.tracing.along.flutes import FLUTES
+from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.slow_kinds import BY_PLACE, KINDS
 from mjx_cutting.tracing.along.slow_round import SlowRound
@@ -18,7 +19,7 @@ from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.naming.candidate import Round
 from mjx_cutting.tracing.naming.intervals import Interval
 from mjx_cutting.tracing.naming.search import Search
-from mjx_cutting.tracing.records.course import feeds_differ
+from mjx_cutting.tracing.records.course import beside_path, feeds_differ
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import measured_speed
@@ -117,12 +118,14 @@ def not_testable(dataset: Dataset) -> list[dict[str, str]]:
     missing = []
     slow = {kind.name for kind in KINDS}
     shown = (slow | {VIBRATION}) - (set() if dataset.tool.kind == "drill" else {FLUTES.name})
-    by_place = BY_PLACE if dataset.tool.kind not in LEVEL_KINDS else (*BY_PLACE, FLUTES.name)
+    by_place = set(BY_PLACE) if dataset.tool.kind not in LEVEL_KINDS else {*BY_PLACE, FLUTES.name}
+    if has(dataset, "tool velocity"):
+        by_place.discard(HYSTERESIS.name)  # there, by what the tool does across the path
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     for name in _physical():
         absent = [need for need in effect_class(name).needs if not has(dataset, need)]
         if absent:
-            missing.append({"name": name, "needs": ", ".join(absent)})
+            missing.append({"name": name, "needs": needs(name, absent)})
         elif dataset.tool.kind in LEVEL_KINDS and name == DROOP:
             if any(measured_speed(trial) is None for trial in cuts):
                 missing.append({"name": name, "needs": "spindle angle or spindle speed"})
@@ -160,6 +163,7 @@ def has(dataset: Dataset, need: str) -> bool:
         "spindle angle": any(trial.spindle_angle_rad is not None for trial in cuts),
         "spindle speed": any(trial.spindle_speed_measured_rev_s is not None for trial in cuts),
         "feed speed": any(trial.feed_speed_measured_m_s is not None for trial in cuts),
+        "tool velocity": any(beside_path(trial, dataset.axes, 0.0) is not None for trial in cuts),
         "air cut": any(trial.kind == "air" for trial in dataset.trials),
         "cut length": len({trial.cut_length_before_m for trial in cuts}) > 1,
         "clock": dataset.sensor.zeroed == "session" and len({trial.clock_start_s for trial in cuts}) > 1,

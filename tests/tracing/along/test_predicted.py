@@ -16,6 +16,7 @@ from mjx_cutting.tracing.along.slow_kinds import KINDS, kind_of
 
 ALONG = (
     "layered_material", "material_periodicity", "mains_pickup", "command_stair", "hysteresis", "entry_exit",
+    "process_damping",
 )  # fmt: skip
 
 

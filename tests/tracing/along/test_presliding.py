@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.study import make
+from mjx_cutting.cutting.effects.hysteresis import strained as of_the_effect
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.presliding import HYSTERESIS, strain
+from mjx_cutting.tracing.along.presliding import strained as along_way
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.records.course import Course
@@ -93,15 +95,74 @@ def test_where_a_trial_turns_back_the_contacts_are_strained_the_other_way(strain
     nothing = np.zeros((len(way_m), 3))
     time_s = np.arange(len(way_m)) / RATE_HZ
     course = Course(time_s, way_m + jitter, None, nothing, nothing, nothing, RATE_HZ, (0.0, 200.0))
-    assert [forth for _, forth in course.legs] == [-1.0, 1.0, -1.0]
+    assert course.legs.forth.tolist() == [-1.0, 1.0, -1.0]
     np.testing.assert_allclose(strain(course, PRESLIDING_M), expected, atol=0.02)
 
 
-def test_a_tool_that_goes_one_way_has_one_leg():
-    forth = np.linspace(0.0, 0.02, 500)
-    nothing = np.zeros((500, 3))
-    for way_m in (forth, np.zeros(500), forth + 3e-6 * np.sin(np.arange(500))):
+BETA = 0.6
+
+
+def _across(force, seed: int = 0, noise_m: float = 2e-6):
+    """The rounds on cuts at one feed in which a drive moves the tool across the path too, 0.7 mm to either
+    side, before the record begins as well: `force` (way [T], time [T]) along y, N."""
+    courses, error = [], []
+    whole = np.arange(-int(RATE_HZ), int(RATE_HZ * SECONDS)) / RATE_HZ
+    inside = whole >= 0.0
+    for index in range(6):
+        generator = np.random.default_rng([seed, index])
+        start, turns_s = generator.uniform(0.0, 6.0), generator.uniform(0.3, 0.9)
+        way_m = 7e-4 * np.sin(2.0 * np.pi * turns_s * whole + start)
+        left = NOISE_N * generator.normal(size=(int(inside.sum()), 3))
+        left[:, 1] += force(way_m, whole)[inside]
+        chip = np.ones_like(left) * np.cos(2.0 * np.pi * 80.0 * whole[inside] + index)[:, None]
+        seen = way_m[inside] + noise_m * generator.normal(size=len(left))
+        still = np.full_like(chip, 2.0)
         course = Course(
-            np.arange(500) / RATE_HZ, way_m, None, nothing, nothing, nothing, RATE_HZ, (0.0, 200.0)
+            whole[inside], 0.01 * whole[inside], None, chip, still, left, RATE_HZ, (0.0, 200.0), beside_m=seen
         )
-        assert course.legs == ((slice(0, 500), 1.0),)
+        course = replace(course, left_n=course.own(left[..., None])[..., 0])
+        courses.append(course)
+        error.append(np.sum(course.left_n**2, axis=0))
+    before = HeldOut(np.stack(error), np.full((6, 3), 1e5), None, np.arange(6))
+    return search_slow(courses, before, np.full(3, 1.0 / NOISE_N), kinds=(HYSTERESIS,))
+
+
+def _bouc_wen(way_m, presliding_m: float, beta: float):
+    """Strain by small steps of Bouc and Wen's law."""
+    strain, last = np.zeros(len(way_m)), 0.0
+    for index, step in enumerate(np.diff(way_m) / (20.0 * presliding_m)):
+        for _ in range(20):
+            last += step - beta * abs(step) * last - (1.0 - beta) * step * abs(last)
+        strain[index + 1] = last
+    return strain
+
+
+@pytest.mark.parametrize("beta", [1.0, BETA])
+def test_friction_across_the_path_is_found_by_its_loop(beta):
+    """Whatever the strain of the contacts as the record begins; the way that the loop has, too."""
+    (first, *_) = _across(lambda way, time: -4.0 * _bouc_wen(way, 2e-4, beta))
+    assert first.accepted is not None
+    values = first.accepted.effect.values()
+    assert values["across"] == 1.0
+    assert values["coulomb_n"] == pytest.approx(4.0, rel=0.04)
+    assert values["presliding_m"] == pytest.approx(2e-4, rel=0.06)
+    assert values["beta"] == pytest.approx(beta, abs=0.06)
+    assert first.accepted.heldout.nrmse < 0.2 * first.before.nrmse
+
+
+def test_a_spring_across_the_path_is_no_friction():
+    """Its force goes with the place and has no loop."""
+    (first,) = _across(lambda way, time: -6e3 * way)
+    assert first.accepted is None
+
+
+def test_what_noise_leaves_across_the_path_is_not_named():
+    (first,) = _across(lambda way, time: 0.0 * way)
+    assert first.accepted is None
+
+
+def test_strain_is_that_of_the_effect():
+    """Of the effect's own law over any way, at any strain it starts from."""
+    last, gone = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(0.0, 4.0, 9))
+    for beta in (0.5, 0.65, 1.0):
+        np.testing.assert_allclose(along_way(last, gone, beta), of_the_effect(last, gone, beta), atol=1e-5)
