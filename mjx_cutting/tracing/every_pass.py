@@ -25,11 +25,15 @@ from mjx_cutting.tracing.along.engaged import (
     engaged,
     mostly_in_the_cut,
 )
+from mjx_cutting.tracing.along.fed import may_be_followed
 from mjx_cutting.tracing.along.flutes import FLUTES
 from mjx_cutting.tracing.along.offset import NAME as OFFSET
+from mjx_cutting.tracing.along.offset import as_late, delay_s
 from mjx_cutting.tracing.along.presliding import HYSTERESIS
 from mjx_cutting.tracing.along.selfexcited import NAME as VIBRATION
 from mjx_cutting.tracing.along.selfexcited import find_vibration
+from mjx_cutting.tracing.along.slow_kinds import BY_PLACE
+from mjx_cutting.tracing.along.stair import STAIR
 from mjx_cutting.tracing.along.turning_chatter import find_chatter
 from mjx_cutting.tracing.before_others import with_droop, with_offset, with_ripple
 from mjx_cutting.tracing.by_place import in_ramps
@@ -55,7 +59,27 @@ def every_pass(
     progress: Callable[[str], None],
 ) -> tuple[Pass, Engaged | None]:
     """What is found of `kinds` on the trials, and where in them it was looked for, if not over their whole
-    length (call it in float64)."""
+    length (call it in float64). Where the force is late against the measured angle, so it is against the
+    measured feed and place."""
+    found, part = _passes(dataset, band_hz, kinds, seed, progress)
+    late_s = delay_s(found.model)
+    bound = any(each.kind.name in (STAIR.name, *BY_PLACE) for each in found.along)
+    if not late_s or not (bound or (may_be_followed(dataset) and not near_floor(found))):
+        return found, part
+    progress("once more, with feed and place as late as the force")
+    other, its_part = _passes(as_late(dataset, late_s), band_hz, kinds, seed, progress)
+    known = any(each.kind.name == OFFSET for each in other.along)
+    return (other, its_part) if known and other.final.nrmse <= found.final.nrmse else (found, part)
+
+
+def _passes(
+    dataset: Dataset,
+    band_hz: tuple[float, float],
+    kinds: Sequence[type[AbstractEffect]],
+    seed: int,
+    progress: Callable[[str], None],
+) -> tuple[Pass, Engaged | None]:
+    """`every_pass` on feed and place as they were recorded."""
     named = {kind.name for kind in kinds}
     # droop is not in lines read at the loaded speed, but in where they stand; flutes fill along the hole
     elsewhere = {DROOP, FLUTES.name} if dataset.tool.kind in LEVEL_KINDS else {DROOP}

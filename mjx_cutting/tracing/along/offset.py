@@ -13,13 +13,13 @@ others' zero and delay put it. A trial that does not tell its phase says nothing
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mjx_cutting.cutting import effect_class
+from mjx_cutting.cutting import ForceModel, effect_class
 from mjx_cutting.tracing.along.slow_round import BeforeOthers, SlowCandidate, SlowRound
 from mjx_cutting.tracing.fitting.fit import Fit
 from mjx_cutting.tracing.fitting.heldout import HeldOut
@@ -31,7 +31,7 @@ from mjx_cutting.tracing.naming.search import Search
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.spindle import spindle_angle
-from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.dataset import Dataset, Trial
 
 NAME = "time_offset"
 _FEWEST = 4
@@ -41,6 +41,31 @@ _AS_GOOD = 2.0
 _SURE_RAD = 1e-4
 _SURELY = 10.0
 Array = NDArray[np.floating]
+
+
+def delay_s(model: ForceModel) -> float:
+    """By how much the force of a model is late, s."""
+    return sum(float(np.asarray(each.values()["delay_s"])) for each in model.effects if each.name == NAME)
+
+
+def as_late(dataset: Dataset, delay_s: float) -> Dataset:
+    """The trials with place, feed and spindle speed as they were when the force was made that is recorded by
+    so much later; the angle is as it was, which tells the delay."""
+
+    def late(trial: Trial) -> Trial:
+        def then(value: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.interp(trial.time_s - delay_s, trial.time_s, value)
+
+        place = trial.position_m
+        feed, speed = trial.feed_speed_measured_m_s, trial.spindle_speed_measured_rev_s
+        return replace(
+            trial,
+            position_m=None if place is None else np.stack([then(axis) for axis in place.T], axis=-1),
+            feed_speed_measured_m_s=None if feed is None else then(feed),
+            spindle_speed_measured_rev_s=None if speed is None else then(speed),
+        )
+
+    return replace(dataset, trials=tuple(map(late, dataset.trials)))
 
 
 def find_offset(

@@ -21,6 +21,7 @@ from mjx_cutting.cutting import AbstractEffect, ForceModel
 from mjx_cutting.cutting.effects.entry_exit import EntryExit
 from mjx_cutting.tracing.along.fed import as_fed, may_be_followed
 from mjx_cutting.tracing.along.kind import Kind
+from mjx_cutting.tracing.along.offset import as_late, delay_s
 from mjx_cutting.tracing.along.ramps import MovingEnds
 from mjx_cutting.tracing.along.shapes import phases
 from mjx_cutting.tracing.along.slow_kinds import kind_of
@@ -59,7 +60,7 @@ def predict_trials(
         ValueError: an empty band, or a stair of the feed where none was measured.
     """
     with _platform.x64():
-        dataset = as_followed(as_turned(as_levels(dataset)))
+        dataset = as_followed(as_turned(as_levels(as_late(dataset, delay_s(model)))))
         band_hz, rate_hz = trusted_band(dataset, band_hz), dataset.sensor.sample_rate_hz
         bare, steady, along = _parted(model)
         _check_fed(dataset, along)

@@ -8,9 +8,10 @@ import jax
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing import trace
+from mjx_cutting.tracing import predict_trials, trace
 from mjx_cutting.tracing.along.offset import Phases, tells_phase
 from mjx_cutting.trials.dataset import Dataset
+from mjx_cutting.trials.synthetic import Conditions, Sheet, make_trials
 
 SPEED = np.array([20.0, 20.1, 33.0, 33.2, 47.0, 47.1])
 
@@ -55,6 +56,38 @@ def test_a_late_force_is_named_and_an_encoder_with_another_zero_is_not(mill, del
     assert said["value"] == pytest.approx(delay_s, rel=0.01)
     assert verdict["after"]["heldout_nrmse"] < 1.1 * verdict["noise_floor_nrmse"]
     assert verdict["before"]["heldout_nrmse"] > 5.0 * verdict["after"]["heldout_nrmse"]
+
+
+def test_a_feed_that_varies_is_followed_as_late_as_the_force(mill):
+    """Not as a stair of it, which is late too: of sheet without edge forces the force goes with the feed."""
+    like, late_s = mill(), 0.008
+    cuts = [
+        Conditions(speed, speed * 4 * 6e-5, 0.016, 0.002) for speed in (40.0, 60.0, 50.0, 40.0, 60.0, 50.0)
+    ]
+    sheet = Sheet((8e8, 2.4e8, 1.2e8), (0.0, 0.0, 0.0))
+    even = make_trials(like.tool, sheet, cuts, like.sensor, duration_s=0.8, bias_n=0.0, seed=5)
+    even, trials = _with_angle(even, late_s), []
+    knots = np.arange(-0.1, 1.0, 0.05)
+    for index, each in enumerate(even.trials):
+        walk = np.random.default_rng(index).normal(0.0, 0.12, len(knots))
+        feed = each.feed_speed_m_s * (1.0 + np.interp(each.time_s, knots, walk))
+        # every tooth cuts what was fed since the one before it, and the filter is late by itself
+        before_s = (
+            late_s
+            + 2.613 / (2.0 * np.pi * 1000.0)
+            + np.arange(0.5, 50.0) / 50.0 / (4.0 * each.spindle_speed_rev_s)
+        )
+        then = np.mean([np.interp(each.time_s - late, knots, walk) for late in before_s], axis=0)
+        force = each.force_n * (1.0 + then)[:, None]
+        trials.append(replace(each, force_n=force, feed_speed_measured_m_s=feed))
+    dataset = replace(even, trials=tuple(trials))
+    found = trace(dataset, effects=["time_offset", "command_stair"])
+    verdict = found.verdict
+    assert [each["name"] for each in verdict["effects"]] == ["time_offset"]
+    assert verdict["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(late_s, rel=0.02)
+    assert verdict["after"]["heldout_nrmse"] < 1.2 * verdict["noise_floor_nrmse"]
+    left = sum(np.sum(each.residual_n**2) for each in predict_trials(dataset, found.model))
+    assert left < 1.2 * sum(np.sum(each.residual_n**2) for each in found.after)
 
 
 def test_where_only_second_harmonics_are_heard_the_phase_is_not_told(mill):
