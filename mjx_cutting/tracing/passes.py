@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
 from mjx_cutting.tracing.along.ends import entry_exit
-from mjx_cutting.tracing.along.fed import as_fed, may_be_followed
+from mjx_cutting.tracing.along.fed import as_chips_are_cut, as_fed, may_be_followed
 from mjx_cutting.tracing.along.slow import search_slow
 from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
@@ -132,7 +132,9 @@ def _courses(found: Pass) -> tuple[Course, ...]:
     """The trials beside the steady model found."""
     fits, model = found.search.final.fits, found.search.final_fit.model
     assert fits is not None
-    return courses(found.dataset, found.lines, found.search.problem, model, found.after, fits.model)
+    problem = found.search.problem
+    trials = courses(found.dataset, found.lines, problem, model, found.after, fits.model)
+    return as_chips_are_cut(trials, np.asarray(problem.weight))
 
 
 def _as_fed(alone: Pass) -> Pass:

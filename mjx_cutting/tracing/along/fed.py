@@ -7,7 +7,7 @@ feed that changes little within any period shows none.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,7 +51,7 @@ def as_fed(courses: Sequence[Course], weight: Array) -> tuple[Array, ...] | None
 def followed(course: Course) -> Array:
     """[T, 3] force of what was fed since the last tooth beyond what is fed on the mean, N."""
     time_s, seen_s = course.time_s, course.time_s - course.delay_s
-    pitch_s = np.full(len(time_s), course.pitch_s)
+    pitch_s = np.full(len(time_s), course.fed_over_s)
     if course.later is not None:
         pitch_s = pitch_s * (1.0 + np.interp(seen_s, time_s, course.later))
     share = np.zeros(len(time_s)) if course.feed_share is None else course.feed_share
@@ -61,21 +61,48 @@ def followed(course: Course) -> Array:
     earlier_s = course.delay_s + float(np.max(pitch_s))
     fed, edges = np.append(-earlier_s * share[0], fed), np.append(time_s[0] - earlier_s, time_s)
     since = np.interp(seen_s, edges, fed) - np.interp(seen_s - pitch_s, edges, fed)
-    return ((since + pitch_s) / course.pitch_s - 1.0)[:, None] * course.force(0.0)
+    return ((since + pitch_s) / course.fed_over_s - 1.0)[:, None] * course.force(0.0)
+
+
+def as_chips_are_cut(courses: Sequence[Course], weight: Array) -> tuple[Course, ...]:
+    """The courses, their chips those of the feed of the instant where the force surely goes with that rather
+    than with what was fed since the last tooth: so does what others calculate."""
+    of_instant = tuple(replace(each, by_tooth=False) for each in courses)
+    ways = [[each for each in way if each.feed_share is not None] for way in (courses, of_instant)]
+    if not ways[0]:
+        return tuple(courses)
+    by_tooth, of_it = (_falls(way, _most_like(way, weight), weight) for way in ways)
+    return of_instant if _surely(of_it - by_tooth) else tuple(courses)
+
+
+def _most_like(courses: Sequence[Course], weight: Array) -> list[Array]:
+    """The force that goes with the feed as it was measured or held over periods, whichever explains most."""
+    held = [_own(courses, forces) for forces in _held_forces(courses)]
+    ways = [_own(courses, [followed(each) for each in courses]), *held]
+    return max(ways, key=lambda way: float(np.sum(_falls(courses, way, weight))))
+
+
+def _held_forces(courses: Sequence[Course]) -> Iterator[list[Array]]:
+    """The forces [T, 3] of the feed held over each of the periods worth trying."""
+    for shape in STAIR.grid(courses):
+        yield [STAIR.columns(each, shape)[..., 0] for each in courses]
 
 
 def _held(courses: Sequence[Course], added: Sequence[Array], weight: Array) -> bool:
     """Whether it may be the feed held over periods that the force goes with: it is unlike the feed as it was
     measured, `added`, and not sure to explain less of the trials; a share of either, the best over all."""
-    ways = []
-    for shape in STAIR.grid(courses):
-        held = _own(courses, [STAIR.columns(each, shape)[..., 0] for each in courses])
-        ways.append((_falls(courses, held, weight), held))
-    falls, held = max(ways, key=lambda way: float(np.sum(way[0])))
-    less = _falls(courses, added, weight) - falls
-    surely = bool(np.sum(less) > _SURE * np.sqrt(len(less)) * np.std(less))
+    ways = [_own(courses, forces) for forces in _held_forces(courses)]
+    falls, held = max(
+        ((_falls(courses, way, weight), way) for way in ways), key=lambda way: float(way[0].sum())
+    )
     apart = [one - other for one, other in zip(held, added, strict=True)]
+    surely = _surely(_falls(courses, added, weight) - falls)
     return not surely and _energy(apart, weight) > _UNLIKE * _energy(added, weight)
+
+
+def _surely(more: Array) -> bool:
+    """Whether what is more in each trial [R] is so over all, beside how it scatters."""
+    return bool(np.sum(more) > _SURE * np.sqrt(len(more)) * np.std(more))
 
 
 def _energy(forces: Sequence[Array], weight: Array) -> float:

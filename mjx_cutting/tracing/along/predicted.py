@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, ForceModel
 from mjx_cutting.cutting.effects.entry_exit import EntryExit
-from mjx_cutting.tracing.along.fed import as_fed, may_be_followed
+from mjx_cutting.tracing.along.fed import as_chips_are_cut, as_fed, may_be_followed
 from mjx_cutting.tracing.along.kind import Kind
 from mjx_cutting.tracing.along.offset import as_late, delay_s
 from mjx_cutting.tracing.along.ramps import MovingEnds
@@ -70,8 +70,9 @@ def predict_trials(
         after = whole
         for _ in range(_TIMES):
             seen = [replace(each, measured_n=one.measured_n) for each, one in zip(after, whole, strict=True)]
-            trials = courses(dataset, lines, problem, bare, seen)
-            added = _added(trials, along, np.asarray(problem.weight))
+            weight = np.asarray(problem.weight)
+            trials = as_chips_are_cut(courses(dataset, lines, problem, bare, seen), weight)
+            added = _added(trials, along, weight)
             added = [force * np.array(problem.alive) for force in added]
             after, lines, problem = _steady(without_force(dataset, added), steady, band_hz)
         heard = [band_limit(force, rate_hz, band_hz) for force in added]

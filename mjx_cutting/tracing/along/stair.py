@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, effect_class
 from mjx_cutting.tracing.along.kind import Kind, listed
+from mjx_cutting.tracing.records.blocks import block_means
 from mjx_cutting.tracing.records.course import Course
+from mjx_cutting.tracing.records.line_gain import heard
 
 Array = NDArray[np.floating]
 _PERIODS_S = (0.01, 0.02, 0.025, 0.04, 0.05, 0.1)
@@ -55,18 +57,23 @@ def _own_starts(course: Course) -> Array | None:
 
 def _stair(course: Course, shape: Array) -> Array:
     assert course.feed_share is not None
-    period_s, time_s = float(shape[0]), course.time_s - course.delay_s
+    period_s, time_s = float(shape[0]), course.time_s
     starts = _own_starts(course)
     if starts is None:
-        starts = period_s * np.arange(int(course.time_s[-1] / period_s + 1e-6) + 1)
-    first = np.minimum(np.searchsorted(course.time_s, starts - 1e-6), len(time_s) - 1)
-    held = course.feed_share[first]
+        starts = period_s * np.arange(int(time_s[-1] / period_s + 1e-6) + 1)
+        first = np.minimum(np.searchsorted(time_s, starts - 1e-6), len(time_s) - 1)
+        held = course.feed_share[first]
+    else:
+        held = block_means(course.feed_share, np.searchsorted(time_s, starts - 1e-6))
+        # it was taken anew between two samples
+        starts = starts - np.append(0.0, np.full(len(starts) - 1, 0.5 / course.rate_hz))
     # what came before the record is as its beginning
-    earlier_s = course.delay_s + course.pitch_s
+    earlier_s, over_s = course.pitch_s, course.fed_over_s
     edges = np.concatenate([[-earlier_s], starts, [starts[-1] + period_s]])
     fed = np.concatenate([[-earlier_s * held[0], 0.0], np.cumsum(held * np.diff(edges[1:]))])
-    since = np.interp(time_s, edges, fed) - np.interp(time_s - course.pitch_s, edges, fed)
-    return (since[:, None] / course.pitch_s * course.force(0.0))[..., None]
+    since = np.interp(time_s, edges, fed) - np.interp(time_s - over_s, edges, fed)
+    share = heard(since / over_s, course.alias, course.rate_hz)
+    return (share[:, None] * course.force(0.0))[..., None]
 
 
 def _effect(shape: Array, c: Array) -> AbstractEffect:

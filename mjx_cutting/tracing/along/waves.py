@@ -94,6 +94,7 @@ def courses(
                 index=index,
                 angle_rad=each.angle_rad,
                 delay_s=delay_s,
+                alias=dataset.sensor.anti_alias,
                 pitch_s=1.0 / (dataset.tool.teeth * each.speed_rev_s),
                 later=later(trial),
                 chip_by_fold=chip_share[:, index],

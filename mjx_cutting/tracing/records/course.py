@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.tracing.records.legs import Legs, legs_of, smoothed
-from mjx_cutting.trials.dataset import Trial, columns_to_process
+from mjx_cutting.trials.dataset import AntiAlias, Trial, columns_to_process
 
 _FEEDS_APART = 1.1
 _KNOWN = 1.0
+_INSTANT = 1e-6
 _STRETCHES = 12
 _AT_REST = 0.02
 _WHITE = 4.0
@@ -37,9 +38,10 @@ class Course:
         left_n: [T, 3] measured less predicted, N.
         rate_hz, band_hz: sampling rate and the band compared.
         index: place among the cut trials; angle_rad: [T] angle of tooth 0 as fitted.
-        delay_s: by how much later the force is seen, behind the known anti-alias filter.
+        alias: the known anti-alias filter; delay_s: by how much later what is slow is seen behind it.
         pitch_s: mean time from one tooth to the next; later: [T] by how much more of it the next one takes, a
             share, where the spindle is seen to slow down or speed up, else None.
+        by_tooth: whether a chip is what was fed since the last tooth, or goes with the feed of the instant.
         apart: whether the steady model was fitted to records without what is looked for.
         chip_by_fold, edge_by_fold: [F, 3] those waves with each fold of trials left out, as shares of them.
         ahead_m: how far a tooth in the cut is ahead of the tool's centre, at least and at most.
@@ -67,7 +69,9 @@ class Course:
     angle_rad: Array = field(default_factory=lambda: np.zeros(0))
     apart: bool = False
     delay_s: float = 0.0
+    alias: AntiAlias | None = None
     pitch_s: float = 1e-3
+    by_tooth: bool = True
     later: Array | None = None
     chip_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
     edge_by_fold: Array = field(default_factory=lambda: np.ones((0, 3)))
@@ -77,6 +81,11 @@ class Course:
     border_power: tuple[float, float, float] = (1.0, 1.0, 1.0)
     beside_m: Array | None = None
     damped_n: Callable[[], Array] | None = None
+
+    @property
+    def fed_over_s(self) -> float:
+        """The time of which what is fed makes a chip, s."""
+        return self.pitch_s if self.by_tooth else _INSTANT * self.pitch_s
 
     def without(self, fold: int) -> Course:
         """The trial under the steady model that was fitted without a fold."""

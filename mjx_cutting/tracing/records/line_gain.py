@@ -11,6 +11,8 @@ from jax.typing import ArrayLike
 
 from mjx_cutting.trials.dataset import AntiAlias, Sensor
 
+_LONG = 4.0
+
 
 def line_gain(sensor: Sensor, speed_rev_s: np.ndarray[Any, Any], orders: int) -> np.ndarray[Any, Any]:
     """[R, orders + 1] complex response of the known anti-alias filter at each order.
@@ -41,6 +43,17 @@ def filter_delay_s(sensor: Sensor) -> float:
     if alias is None or alias.zero_phase:
         return 0.0
     return float(-np.sum((1.0 / _poles(alias)).real) / (2.0 * np.pi * alias.hz))
+
+
+def heard(value: np.ndarray[Any, Any], alias: AntiAlias | None, rate_hz: float) -> np.ndarray[Any, Any]:
+    """[T] what a factor [T] of a force that is slow itself is behind a known filter; before and after the
+    record it is as at its ends."""
+    if alias is None:
+        return value
+    padded = np.pad(value, round(_LONG * rate_hz / alias.hz), mode="edge")
+    gain = filter_gain(alias, np.fft.rfftfreq(len(padded), 1.0 / rate_hz))
+    beside = (len(padded) - len(value)) // 2
+    return np.fft.irfft(np.fft.rfft(padded) * gain, len(padded))[beside : beside + len(value)]
 
 
 def _poles(alias: AntiAlias) -> np.ndarray[Any, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjx_cutting.tracing import trace
-from mjx_cutting.tracing.along.fed import as_fed, followed
+from mjx_cutting.tracing.along.fed import as_chips_are_cut, as_fed, followed
 from mjx_cutting.tracing.records.course import Course
 from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
@@ -96,6 +96,27 @@ def test_what_was_held_over_periods_is_left_to_the_stair():
     measured_held = [_course(held[i], held[i], seed=i) for i in range(5)]
     assert as_fed(measured_smooth, WEIGHT) is None
     assert as_fed(measured_held, WEIGHT) is None
+
+
+@pytest.mark.parametrize("done", [lambda feed: feed, _held])
+def test_a_force_of_the_feed_of_the_instant_is_told_from_one_of_the_last_chip(done):
+    """Of teeth 40 ms apart, whether the feed is followed or held over periods."""
+    fine = np.arange(-0.2, TIME_S[-1], 1e-4) + 5e-5
+
+    def chip(feed: Callable) -> Callable:
+        fed = np.append(0.0, np.cumsum(feed(np.maximum(fine, 0.0)))) * 1e-4
+        edges = np.append(fine - 5e-5, fine[-1] + 5e-5)
+        return lambda time: (np.interp(time, edges, fed) - np.interp(time - 0.04, edges, fed)) / 0.04
+
+    feeds = [_walk(index) for index in range(5)]
+    instant = [_course(each, done(each), 0.04, seed=i) for i, each in enumerate(feeds)]
+    last = [_course(each, chip(done(each)), 0.04, seed=i) for i, each in enumerate(feeds)]
+    assert all(not each.by_tooth for each in as_chips_are_cut(instant, WEIGHT))
+    assert all(each.by_tooth for each in as_chips_are_cut(last, WEIGHT))
+    assert all(
+        each.by_tooth
+        for each in as_chips_are_cut([_course(_walk(i), _walk(i + 50), 0.04) for i in range(5)], WEIGHT)
+    )
 
 
 def test_a_force_that_does_not_go_with_the_feed_is_left_alone():

@@ -13,7 +13,7 @@ from mjx_cutting.tracing.along.slow_kinds import KINDS
 from mjx_cutting.tracing.along.slow_try import Asked, fall_of_error, try_one
 from mjx_cutting.tracing.fitting.heldout import HeldOut
 from mjx_cutting.tracing.records.course import Course, along_path, felt_at
-from mjx_cutting.tracing.records.line_gain import filter_delay_s
+from mjx_cutting.tracing.records.line_gain import filter_delay_s, heard
 from mjx_cutting.trials.dataset import AntiAlias, Sensor, Trial
 
 RATE_HZ, SECONDS, TRIALS = 500.0, 4.0, 6
@@ -198,19 +198,34 @@ def test_places_are_those_where_the_force_arose_before_the_filter():
     np.testing.assert_allclose(felt_at(trial, delay), along_path(trial) - 0.01 * delay, atol=1e-12)
 
 
+@pytest.mark.parametrize("zero_phase", [False, True])
+def test_what_steps_is_heard_as_the_known_filter_passes_it(zero_phase):
+    """Against the filter in time, on a grid of its own."""
+    alias, finer = AntiAlias(order=4, hz=60.0, zero_phase=zero_phase), 40
+    time = np.arange(400 * finer) / (500.0 * finer)
+    # ramps of 8 ms, which samples show, one after another
+    value = np.interp(time, np.arange(0.0, 0.9, 0.008), np.random.default_rng(3).normal(size=113))
+    sections = signal.butter(4, 60.0, fs=500.0 * finer, output="sos")
+    run = signal.sosfiltfilt if zero_phase else signal.sosfilt
+    expected = run(sections, value - value[0], axis=0)[::finer] + value[0]
+    seen = heard(value[::finer], alias, 500.0)
+    np.testing.assert_allclose(seen[20:-20], expected[20:-20], atol=0.06)
+    np.testing.assert_array_equal(heard(value, None, 500.0), value)
+
+
 @pytest.mark.parametrize("pitch_s", [1e-9, 0.012, 0.05])
 def test_a_stair_holds_the_feed_of_its_own_beginning_and_each_tooth_cuts_what_was_fed_since_the_last(pitch_s):
-    time, period, delay = np.arange(100) / RATE_HZ, 0.02, 0.004
+    time, period = np.arange(100) / RATE_HZ, 0.02
     one = np.ones((100, 3))
     band = (0.0, 200.0)
-    course = Course(time, 0.01 * time, time, one, one, one, RATE_HZ, band, delay_s=delay, pitch_s=pitch_s)
+    course = Course(time, 0.01 * time, time, one, one, one, RATE_HZ, band, pitch_s=pitch_s)
     (stair,) = (each for each in KINDS if each.name == "command_stair")
     fine = np.arange(-0.1, time[-1], 1e-5) + 0.5e-5
     held = np.maximum(period * np.floor(fine / period), 0.0)
-    cut = [held[(fine > t - delay - pitch_s) & (fine < t - delay)] for t in time]
-    expected = [each.mean() if len(each) else held[np.searchsorted(fine, t - delay)]
+    cut = [held[(fine > t - pitch_s) & (fine < t)] for t in time]
+    expected = [each.mean() if len(each) else held[min(np.searchsorted(fine, t), len(fine) - 1)]
                 for each, t in zip(cut, time, strict=True)]  # fmt: skip
-    off_steps = np.abs(np.sin(np.pi * (time - delay) / period)) > 1e-6
+    off_steps = np.abs(np.sin(np.pi * time / period)) > 1e-6
     seen = stair.columns(course, np.array([period]))[:, 1, 0]
     np.testing.assert_allclose(seen[off_steps], np.array(expected)[off_steps], atol=1e-4)
 
@@ -228,9 +243,8 @@ def test_a_measured_feed_that_is_a_stair_shows_its_period_and_when_each_began():
     courses = [course(0.01), course(0.004)]
     np.testing.assert_allclose(stair.grid(courses), [[0.02]], rtol=1e-6)
     for each in courses:
-        np.testing.assert_allclose(
-            stair.columns(each, np.array([0.02]))[1:, 1, 0], each.feed_share[:-1], atol=1e-6
-        )
+        # taken anew between two samples, it is there at the second
+        np.testing.assert_allclose(stair.columns(each, np.array([0.02]))[:, 1, 0], each.feed_share, atol=1e-6)
     wavy = [replace(each, feed_share=each.feed_share + 0.03 * np.sin(1e4 * time)) for each in courses]
     assert len(stair.grid(wavy)) > 1
     # what the sensor of the feed adds hides no step of many times its size
