@@ -25,12 +25,12 @@ ABOUT = 5
 EDGE = ABOUT // 2
 """Samples at the ends of a record, which have neighbours on one side only and are not judged."""
 
-USUAL_PERCENT = 99.5
-TIMES_USUAL = 6.0
-"""A spike is as many times as far from the median as all but the rarest samples are."""
-
-MOST_SHARE = 4e-3
-"""Of more samples than this something else is the matter; fewer than those that USUAL_PERCENT leaves out."""
+FEW = (99.5, 6.0, 4e-3)
+MANY = (97.0, 30.0, 2e-2)
+"""A spike is as many times (the second) as far from the median as the first per cent of the samples are. Of
+a larger share of them than the third, which is less than those per cent leave out, something else is the
+matter. Where the few are none or too many, the many are looked for, which stand out further.
+"""
 
 AGAIN = 0.3
 SPEED_ERROR = 0.02
@@ -45,20 +45,31 @@ def find_spikes(signal: Array, turn_samples: float) -> NDArray[np.int64]:
         return np.zeros(0, np.int64)
     away = np.abs(signal - median_filter(signal, ABOUT, mode="mirror"))
     quantum = float(np.diff(np.unique(signal)).min(initial=np.inf))
-    usual = max(float(np.percentile(away, USUAL_PERCENT)), quantum)
-    away[:EDGE] = away[-EDGE:] = 0.0
-    found = np.flatnonzero(away > TIMES_USUAL * usual)
-    if len(found) > max(MOST_SHARE * len(signal), 1.0):
-        return np.zeros(0, np.int64)
+    inside = away.copy()
+    inside[:EDGE] = inside[-EDGE:] = 0.0
+    far = _far(away, inside, quantum, FEW)
+    # what the many are apart by is no turn: it is there before and after where it is a tooth's
+    beside = any if len(far) else all
+    if not len(far):
+        far = _far(away, inside, quantum, MANY)
+    away = inside
     reach = max(round(SPEED_ERROR * turn_samples), 2)
     near = maximum_filter1d(away, 2 * reach + 1, mode="constant")
     turn = round(turn_samples)
 
     def again(spike: int) -> bool:
         other = (spike - turn, spike + turn)
-        return any(near[each] > AGAIN * away[spike] for each in other if 0 <= each < len(away))
+        return beside(near[each] > AGAIN * away[spike] for each in other if 0 <= each < len(away))
 
-    return np.array([each for each in found.tolist() if not again(each)], np.int64)
+    return np.array([each for each in far.tolist() if not again(each)], np.int64)
+
+
+def _far(away: Array, inside: Array, quantum: float, rule: tuple[float, float, float]) -> NDArray[np.int64]:
+    """Samples that a rule finds far from the median, of distances `away` [T], but the ends' `inside`; none
+    where they are too many."""
+    percent, times, most_share = rule
+    far = np.flatnonzero(inside > times * max(float(np.percentile(away, percent)), quantum))
+    return far if len(far) <= max(most_share * len(away), 1.0) else np.zeros(0, np.int64)
 
 
 def trial_spikes(trial: Trial, axes: Sequence[str] | None = None) -> Found:

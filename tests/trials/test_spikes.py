@@ -31,12 +31,25 @@ def test_spikes_are_found(at):
     np.testing.assert_array_equal(find_spikes(signal, TURN), at)
 
 
-@pytest.mark.parametrize(("many", "found"), [(22, True), (28, False)])
-def test_of_too_many_something_else_is_the_matter(many, found):
-    """6000 samples; a burst is not 28 spikes."""
-    signal, at = force(3), 37 + 211 * np.arange(many)
-    signal[at] += 150.0
+@pytest.mark.parametrize(
+    ("many", "height_n", "found"),
+    [(22, 150.0, True), (28, 600.0, True), (28, 40.0, False), (130, 600.0, False)],
+)
+def test_of_too_many_something_else_is_the_matter(many, height_n, found):
+    """6000 samples; more than 24 must stand out further, and a burst is not 130 spikes."""
+    signal, at = force(3), 37 + 43 * np.arange(many)
+    signal[at] += height_n
     np.testing.assert_array_equal(find_spikes(signal, TURN), at if found else [])
+
+
+def test_spikes_a_turn_apart_by_chance_are_found_among_many():
+    """A tooth's blow is there in the turn before and in the next."""
+    signal, at = force(3), np.sort(np.append(37 + 211 * np.arange(27), 1192))
+    signal[at] += 600.0
+    np.testing.assert_array_equal(find_spikes(signal, TURN), at)
+    blows = force(3)
+    blows[50::100] += 600.0
+    assert set(find_spikes(blows, TURN)) <= {50, 5950}
 
 
 @settings(max_examples=100, deadline=None)

@@ -21,13 +21,13 @@ def fewest(contest: Contest, effects: Effects, best: Candidate, tried: Sequence[
     """The accepted candidate `best`, or one of those `tried` beside `effects` that passed as well, needs
     fewer unknowns and is not behind it by more than chance."""
     tool = contest.problem.tool
-    if tool.kind not in LEVEL_KINDS or not _of_chip(best.kind):
+    if tool.kind not in LEVEL_KINDS or not of_chip(best.kind):
         return best
 
     def unknowns(each: Candidate) -> tuple[int, int]:
         return each.told, each.kind.size(tool)
 
-    passed = (each for each in tried if each.decision.accepted and _of_chip(each.kind))
+    passed = (each for each in tried if each.decision.accepted and of_chip(each.kind))
     for other in sorted(passed, key=unknowns):
         if unknowns(other) >= unknowns(best):
             break
@@ -39,9 +39,10 @@ def fewest(contest: Contest, effects: Effects, best: Candidate, tried: Sequence[
 
 def follows_any(tool_kind: str, named: Candidate, other: Candidate) -> bool:
     """Whether `other` needs more unknowns than the law `named` for the same bend."""
-    laws = _of_chip(named.kind) and _of_chip(other.kind)
+    laws = of_chip(named.kind) and of_chip(other.kind)
     return tool_kind in LEVEL_KINDS and laws and other.told > named.told
 
 
-def _of_chip(kind: type[AbstractEffect]) -> bool:
+def of_chip(kind: type[AbstractEffect]) -> bool:
+    """Whether an effect is a law of the chip alone."""
     return kind.stage == "edge" and kind.steady and not kind.needs

@@ -25,9 +25,11 @@ from mjx_cutting.tracing.fitting.model_error import tolerated
 from mjx_cutting.tracing.fitting.on_lines import noise_squares
 from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.screening import Screened
+from mjx_cutting.tracing.naming.bends import fewest, of_chip
 from mjx_cutting.tracing.naming.candidate import Candidate, Contest, Round, beyond_chance, try_effect
 from mjx_cutting.tracing.naming.chance import CHANCE
 from mjx_cutting.tracing.naming.finer import finer
+from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
 _STEPS = (2, 6)
 _GO_ON, _GO_ON_AFRESH = 4, 12
@@ -65,6 +67,7 @@ def two_at_once(contest: Contest, effects: Effects, before: Fit, alone: Round) -
         found, x, squares = _best(problem, effects, begins, _GO_ON_AFRESH)
     if not squares < most:
         return None
+    found, x = _of_fewest(contest, effects, before, alone, found, x)
     pair = [_tried(contest, effects, before, alone, each) for each in found]
     first, second = sorted(pair, key=lambda each: each.heldout.nrmse)
     own, last = first.kind.size(problem.tool), second.kind.size(problem.tool)
@@ -118,6 +121,35 @@ def _following(problem: Problem, alone: Round) -> list[Screened]:
     tried = [each.kind for each in alone.candidates]
     few = (each for each in alone.screened if len(each.kind.starts(problem.tool)) <= _FEW)
     return [each for each in few if each.share > _SOMETHING and each.kind not in tried][:_FOLLOW]
+
+
+def _of_fewest(
+    contest: Contest, effects: Effects, before: Fit, alone: Round, pair: Pair, x: NDArray[np.floating]
+) -> tuple[Pair, NDArray[np.floating]]:
+    """The pair and its unknowns [U]; with a law of the chip of fewer unknowns in place of its own where that
+    does as well beside the other (`bends`)."""
+    tool = contest.problem.tool
+    laws = [each for each in pair if of_chip(each.kind)]
+    if tool.kind not in LEVEL_KINDS or len(laws) != 1:
+        return pair, x
+    law, other = laws[0], pair[1] if pair[0] is laws[0] else pair[0]
+    if law is pair[0]:
+        x = _exchanged(x, other.kind.size(tool), law.kind.size(tool))
+    beside, rest = _tried(contest, effects, before, alone, other), x[: len(x) - law.kind.size(tool)]
+    ways: list[Alone] = [law]
+    others: list[Alone] = [*alone.candidates, *_following(contest.problem, alone)]
+    for each in others:
+        if of_chip(each.kind) and each.kind.size(tool) < law.kind.size(tool):
+            ways.append(each)
+    tried = []
+    for each in ways:
+        at = np.asarray(each.fit.x if isinstance(each, Candidate) else each.x)[-each.kind.size(tool) :]
+        start = x if each is law else np.concatenate([rest, at])
+        tried.append(
+            try_effect(contest, (*effects, other.kind, each.kind), start, beside.fit, beside.heldout)
+        )
+    best = fewest(contest, (*effects, other.kind), tried[0], tried)
+    return (other, ways[tried.index(best)]), np.asarray(best.fit.x)
 
 
 def _tried(contest: Contest, effects: Effects, before: Fit, alone: Round, each: Alone) -> Candidate:

@@ -23,6 +23,8 @@ _SHORTEST = 0.1
 _RISE = 0.2
 _FLAT = 0.05
 _CLOSE = 0.02
+_SWINGS = 6.0
+_FROM_HALF = 0.35
 Array = NDArray[np.floating]
 
 
@@ -43,14 +45,16 @@ def steady(force: Array) -> slice:
     return slice(begin, stop) if stop - begin >= _FEWEST else slice(first, last)
 
 
-def bend_in(force: Array) -> int | None:
-    """Sample of a record [T, 3] at which it bends from a ramp into its level; None where it shows no bend."""
+def bend_in(force: Array, wavy: bool = False) -> int | None:
+    """Sample of a record [T, 3] at which it bends from a ramp into its level; None where it shows no bend. If
+    `wavy`, the level may swing, as over a sheet that is not even, and the bend is only about there."""
     size, first, last = _in_the_cut(force)
     if last == 0:
         return None
     if (bends := _between_ramps(size[first:last])) is not None:
         return first + bends[0]
-    bend, each = _bend(size[first : last - int(_TRIMMED * (last - first))])
+    stretch = size[first : last - int(_TRIMMED * (last - first))]
+    bend, each = _bend(stretch, _SWINGS, _FROM_HALF) if wavy else _bend(stretch)
     return first + bend * each if bend else None
 
 
@@ -75,9 +79,10 @@ def _ramp(size: Array) -> int:
     return (bend + int(_SHORTEST * (_BINS - bend))) * each if bend else 0
 
 
-def _bend(size: Array) -> tuple[int, int]:
+def _bend(size: Array, times: float = 1.0, least_rise: float = _RISE) -> tuple[int, int]:
     """Bins of a stretch [T] before it bends from a ramp into a level, 0 where it does not, and samples of
-    each."""
+    each. The level may be as many `times` as uneven as one of an even sheet; of it the ramp rises by
+    `least_rise` or more."""
     each = len(size) // _BINS
     if each == 0:
         return 0, 0
@@ -92,8 +97,9 @@ def _bend(size: Array) -> tuple[int, int]:
         if left < least:
             best, least, bend = fit, left, at
     reached, rise, after = best
-    flat = abs(after) * (_BINS - bend) < _FLAT * reached and np.sqrt(least / _BINS) < _CLOSE * reached
-    return (0 if not flat or rise * bend < _RISE * reached else bend), each
+    slope, uneven = abs(after) * (_BINS - bend), float(np.sqrt(least / _BINS))
+    flat = slope < times * _FLAT * reached and uneven < times * _CLOSE * reached
+    return (0 if not flat or rise * bend < least_rise * reached else bend), each
 
 
 def _between_ramps(size: Array) -> tuple[int, int] | None:

@@ -56,6 +56,22 @@ def test_a_ramp_that_fills_the_record_ends_where_the_others_do():
     np.testing.assert_allclose(slow.force_n[:, 1:].mean(axis=0), [1.1, 840.0], rtol=0.02)
 
 
+def test_of_a_sheet_that_is_uneven_the_level_begins_where_the_others_bend_into_theirs():
+    """A periodic one, of which no record shows an even level."""
+
+    def uneven(trial: Trial) -> Trial:
+        depth_m = np.maximum(trial.time_s - AIR_S, 0.0) * trial.feed_speed_m_s
+        swing = 1.0 + 0.13 * np.sin(2.0 * np.pi * depth_m / 1.3e-3)
+        return replace(trial, force_n=swing[:, None] * trial.force_n, torque_nm=swing * trial.torque_nm)
+
+    holes = [uneven(each) for each in _holes()]
+    short = uneven(_drilled("short.csv", FEEDS[0], seconds=1.8))
+    levels = as_levels(_session(*holes, short))
+    assert [each.file for each in levels.left_out] == ["short.csv"]
+    for trial, feed in zip(levels.trials, FEEDS, strict=True):
+        assert trial.time_s[0] > AIR_S + 0.85 * POINT_M / feed
+
+
 def test_a_record_that_ends_on_its_ramp_is_left_out_by_name():
     short = _drilled("short.csv", FEEDS[0], seconds=3.0)
     levels = as_levels(_session(short, *_holes()[1:]))
