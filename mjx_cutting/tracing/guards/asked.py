@@ -13,6 +13,7 @@ from mjx_cutting.tracing.guards.smeared import rather_smeared
 from mjx_cutting.tracing.guards.sudden import rather_sudden
 from mjx_cutting.tracing.guards.turning_force import rather_at_any_speed
 from mjx_cutting.tracing.guards.uneven_radii import rather_at_any_feed
+from mjx_cutting.tracing.guards.unlike_teeth import rather_teeth_apart
 from mjx_cutting.tracing.guards.within_a_sample import rather_the_reading
 
 GUARDS = (
@@ -27,6 +28,7 @@ GUARDS = (
     rather_multiplied,
     rather_sudden,
     rather_at_any_feed,
+    rather_teeth_apart,
 )
 
 
