@@ -1,9 +1,9 @@
-"""Do the teeth differ by their gaps, or does each cut with more or less force as a whole?
+"""Do the teeth differ by their gaps or radii, or does each cut with more or less force as a whole?
 
 Teeth that are not equally sharp, or set, each have a force larger or smaller by a share of its own. Of that
 all gaps but one, free, take in most: with the chip a gap changes the force in proportion to the feed. But not
-the force of its edge, and it shifts the tooth. An unequal pitch is refused where shares of the teeth, as
-many unknowns, leave surely less.
+the force of its edge, and it shifts the tooth. Runout of two or three teeth takes in as much, and is as large
+at any feed. Either is refused where shares of the teeth, no more unknowns, leave surely less.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.abstract import EdgeForce
 from mjx_cutting.cutting.effects.coordinates import with_no_sum
+from mjx_cutting.cutting.effects.radial_runout import RadialRunout
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
 from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
@@ -59,10 +60,12 @@ class UnlikeTeeth(AbstractEffect):
 
 
 def rather_teeth_apart(gain: Gain) -> str | None:
-    """Why an unequal pitch is refused where teeth that each have a force of their own leave surely less; None
-    where they do not, or it is none."""
+    """Why an unequal pitch, or the runout of few teeth, is refused where teeth that each have a force of
+    their own leave surely less; None where they do not, or it is neither."""
     problem = gain.problem
-    if gain.kind is not UnequalPitch or problem.tool.kind in LEVEL_KINDS:
+    if gain.kind not in (UnequalPitch, RadialRunout) or problem.tool.kind in LEVEL_KINDS:
+        return None
+    if problem.tool.teeth - 1 > gain.kind.size(problem.tool):
         return None
     found, apart = float(gain.found.squares), gain.squares_with(UnlikeTeeth)
     spread = apart / max(int(problem.whitened.size) - len(gain.found.x), 1)
@@ -72,5 +75,5 @@ def rather_teeth_apart(gain: Gain) -> str | None:
     ratio = (float(gain.before.squares) - apart) / max(gained, 1e-300)
     return (
         f"teeth that each have a share more or less of force than the others explain {ratio:.2f} times as "
-        "much: they are not alike in another way than by their gaps"
+        "much: they are not alike in another way"
     )

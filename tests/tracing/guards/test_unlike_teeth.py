@@ -18,19 +18,20 @@ TEETH, DIAMETER_M, DEPTH_M = 6, 0.05, 0.004
 @pytest.mark.parametrize(
     ("kind", "tool", "apart", "refused"),
     [
-        (UnequalPitch, "slitting_saw", 370.0, True),
-        (UnequalPitch, "slitting_saw", 449.0, False),
-        (UnequalPitch, "slitting_saw", 900.0, False),
-        (UnequalPitch, "turning", 370.0, False),
-        (RadialRunout, "slitting_saw", 370.0, False),
+        (UnequalPitch, Tool("slitting_saw", 30, 0.05), 370.0, True),
+        (UnequalPitch, Tool("slitting_saw", 30, 0.05), 449.0, False),
+        (UnequalPitch, Tool("slitting_saw", 30, 0.05), 900.0, False),
+        (UnequalPitch, Tool("turning", 1, 0.05), 370.0, False),
+        (RadialRunout, Tool("end_mill", 2, 0.01), 370.0, True),
+        (RadialRunout, Tool("end_mill", 4, 0.01), 370.0, False),
     ],
-    ids=["surely less", "hardly less", "more", "no teeth", "runout"],
+    ids=["surely less", "hardly less", "more", "no teeth", "runout of two", "runout of four"],
 )
-def test_unequal_gaps_are_refused_where_teeth_apart_leave_surely_less(kind, tool, apart, refused):
-    """Unequal gaps take 1,600 to 450, over 2,000 samples."""
+def test_what_makes_teeth_unlike_is_refused_where_teeth_apart_leave_surely_less(kind, tool, apart, refused):
+    """It takes 1,600 to 450, over 2,000 samples."""
     gain = SimpleNamespace(
         kind=kind,
-        problem=SimpleNamespace(tool=SimpleNamespace(kind=tool), whitened=np.zeros((10, 200))),
+        problem=SimpleNamespace(tool=tool, whitened=np.zeros((10, 200))),
         before=SimpleNamespace(squares=1600.0),
         found=SimpleNamespace(squares=450.0, x=np.zeros(20)),
         squares_with=lambda instead: apart,

@@ -48,6 +48,13 @@ def test_a_size_effect_and_a_drift_that_hide_each_other_are_both_named():
     assert all(each["heldout_gain"] > 0.5 * said["before"]["heldout_nrmse"] for each in said["effects"])
 
 
+def test_of_two_laws_of_the_chip_beside_a_drift_that_with_fewer_unknowns_is_named():
+    """Ploughing with a stiffness for each axis follows the bend of a size effect over a few feeds."""
+    case = make("turning", {"size_effect": 2.0, "thermal_drift": 4.0}, 500)
+    said = trace(case.dataset, effects=("size_effect", "thermal_drift", "ploughing")).verdict
+    assert {each["name"] for each in said["effects"]} == {"size_effect", "thermal_drift"}
+
+
 def test_no_pairs_are_fitted_where_only_noise_is_left(mill, monkeypatch):
     tried = []
     monkeypatch.setattr(together, "_descended", lambda *each: tried.append(each))
