@@ -36,7 +36,8 @@ class Kind:
         stack: of what may be together what none is alone, as the layers of a sheet: the sufficient statistics
             of several shapes [n, d] at once, as a function of them.
         shared: whether a shape may lie where few trials reach, so that only what several show is looked at.
-        untold: parameters that stay at the value of no effect where the trials say nothing of them.
+        untold: parameters that stay at the value of no effect, or the usual one, where the trials say nothing
+            of them.
         refine: shapes [P, d] around one [d] of those tried, closer than the first grid by a factor and more.
     """
 

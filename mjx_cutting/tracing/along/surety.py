@@ -43,7 +43,8 @@ def intervals(
         error = unsure * np.abs(whole[name]) if name == kind.effect.strength else 0.0
         by_name = np.stack([each[name] for each in by_fold])
         declared = kind.effect.parameters[name]
-        if name in kind.untold and not np.any(np.append(by_name, whole[name]) != declared.identity):
+        usual = declared.typical if declared.identity is None else declared.identity
+        if name in kind.untold and not np.any(np.append(by_name, whole[name]) != usual):
             found[name] = Interval(float(whole[name]), declared.low, declared.high, declared.unit)
             continue
         found[name] = interval(kind.effect, name, whole[name], by_name, model_error=error, on_grid=True)

@@ -59,7 +59,7 @@ def test_what_the_trials_do_not_tell_is_said_to_be_unknown():
     (first, *_) = _rounds(lambda t, s, v: 5.0 * (1.0 - np.exp(-s / 2e-3)) + 100.0 * v)
     assert first.accepted is not None
     told, declared = first.accepted.decision.parameters, first.accepted.kind.parameters
-    for name in ("viscous_n_s_m", "stiction"):
+    for name in ("viscous_n_s_m", "stiction", "beta"):
         assert (told[name].low, told[name].high) == (declared[name].low, declared[name].high)
 
 
