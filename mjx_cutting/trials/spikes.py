@@ -32,6 +32,9 @@ a larger share of them than the third, which is less than those per cent leave o
 matter. Where the few are none or too many, the many are looked for, which stand out further.
 """
 
+STEP_PERCENT = 90.0
+"""The many stand out as much against the steps from sample to sample, but the largest, too."""
+
 AGAIN = 0.3
 SPEED_ERROR = 0.02
 """What is there again with this share of its size a turn before or later, that being known as well as the
@@ -51,7 +54,9 @@ def find_spikes(signal: Array, turn_samples: float) -> NDArray[np.int64]:
     # what the many are apart by is no turn: it is there before and after where it is a tooth's
     beside = any if len(far) else all
     if not len(far):
-        far = _far(away, inside, quantum, MANY)
+        # what is smooth hardly strays from its medians: there the steps say what is usual
+        step = float(np.percentile(np.abs(np.diff(signal)), STEP_PERCENT))
+        far = _far(away, inside, max(quantum, step), MANY)
     away = inside
     reach = max(round(SPEED_ERROR * turn_samples), 2)
     near = maximum_filter1d(away, 2 * reach + 1, mode="constant")

@@ -64,6 +64,12 @@ def test_sound_signals_have_none(seed, noise, quantum, teeth):
     assert len(find_spikes(signal, TURN)) == 0
 
 
+@pytest.mark.parametrize("swings", [1.0, 2.0, 7.5])
+def test_what_is_smooth_and_without_noise_has_none(swings):
+    signal = 10.0 * np.sin(2.0 * np.pi * swings * np.arange(1000) / 500.0)
+    assert len(find_spikes(signal, TURN)) == 0
+
+
 def test_a_blow_in_every_turn_is_no_spike():
     """Once in 700 samples, rarer than what the usual distance is counted over."""
     signal = force(2)
