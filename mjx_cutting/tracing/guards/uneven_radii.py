@@ -12,15 +12,14 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
+from mjx_cutting.cutting import ForceModel
 from mjx_cutting.cutting.chip import Cutter
 from mjx_cutting.cutting.effects import Parameter
-from mjx_cutting.cutting.effects.coordinates import with_no_sum
 from mjx_cutting.cutting.effects.radial_runout import TYPICAL_M
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
+from mjx_cutting.tracing.guards.each_tooth import EachTooth
 from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
@@ -28,7 +27,7 @@ _TELLS = 0.02
 _LEAST = 0.25
 
 
-class UnevenRadii(AbstractEffect):
+class UnevenRadii(EachTooth):
     """Every tooth on a radius of its own, of unknown cause.
 
     Fields: `offset_m` [N] of each tooth, m; their mean is removed.
@@ -36,7 +35,6 @@ class UnevenRadii(AbstractEffect):
 
     name = "uneven_radii"
     stage = "chip"
-    physical = False
     strength = "offset_m"
     parameters: ClassVar[dict[str, Parameter]] = {
         "offset_m": Parameter("m", -1e-3, 1e-3, 0.0, TYPICAL_M, per_tooth=True, source="no physics: fitted")
@@ -47,15 +45,6 @@ class UnevenRadii(AbstractEffect):
     def cutter(self, cutter: Cutter, model: ForceModel) -> Cutter:
         offset = jnp.asarray(self.offset_m)
         return cutter._replace(radius_m=cutter.radius_m + offset - offset.mean(), even=False)
-
-    @classmethod
-    def size(cls, tool: Tool) -> int:
-        return tool.teeth - 1
-
-    @classmethod
-    def build(cls, coordinates: Array, tool: Tool) -> UnevenRadii:
-        """Coordinates: offsets of all teeth but the last, in units of 10 um; their sum is nil."""
-        return cls(with_no_sum(TYPICAL_M * coordinates))
 
 
 def rather_at_any_feed(gain: Gain) -> str | None:

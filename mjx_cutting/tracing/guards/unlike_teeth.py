@@ -11,16 +11,15 @@ from __future__ import annotations
 from typing import ClassVar
 
 import jax.numpy as jnp
-from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Tool
+from mjx_cutting.cutting import Cut, ForceModel
 from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.effects import Parameter
 from mjx_cutting.cutting.effects.abstract import EdgeForce
-from mjx_cutting.cutting.effects.coordinates import with_no_sum
 from mjx_cutting.cutting.effects.radial_runout import RadialRunout
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
+from mjx_cutting.tracing.guards.each_tooth import EachTooth
 from mjx_cutting.tracing.guards.gain import Gain
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 
@@ -28,7 +27,7 @@ _TYPICAL = 0.02
 _SURELY = 12.0
 
 
-class UnlikeTeeth(AbstractEffect):
+class UnlikeTeeth(EachTooth):
     """Every tooth with a share more or less of force than the others, of unknown cause.
 
     Fields: `share` [N] of each tooth; their mean is removed.
@@ -36,7 +35,6 @@ class UnlikeTeeth(AbstractEffect):
 
     name = "unlike_teeth"
     stage = "edge"
-    physical = False
     strength = "share"
     parameters: ClassVar[dict[str, Parameter]] = {
         "share": Parameter("1", -1.0, 1.0, 0.0, _TYPICAL, per_tooth=True, source="no physics: fitted")
@@ -48,15 +46,6 @@ class UnlikeTeeth(AbstractEffect):
         share = jnp.asarray(self.share)
         times = (1.0 + share - share.mean())[:, None]
         return EdgeForce(force.chip * times, force.edge * times)
-
-    @classmethod
-    def size(cls, tool: Tool) -> int:
-        return tool.teeth - 1
-
-    @classmethod
-    def build(cls, coordinates: Array, tool: Tool) -> UnlikeTeeth:
-        """Coordinates: shares of all teeth but the last, in units of 2 %; their sum is nil."""
-        return cls(with_no_sum(_TYPICAL * coordinates))
 
 
 def rather_teeth_apart(gain: Gain) -> str | None:
