@@ -48,6 +48,7 @@ def order_lines(
     angles: int,
     arc_rad: float = np.pi,
     along: tuple[ArrayLike, ArrayLike] | None = None,
+    only: Array | None = None,
 ) -> Array:
     """[orders + 1, 3] complex coefficients c_n of the SENSED force, n = 0..orders, N.
 
@@ -62,19 +63,26 @@ def order_lines(
         arc_rad: longest engagement arc there will be, which sets the accuracy of the rule over it.
         along: places [P] along the path, m, and the share [P] of each, where the response changes on the way
             and its mean is wanted; default the cut's own place.
+        only: [H] orders that are wanted, where most are not: the others are then zero.
     """
     nodes = _nodes(orders, arc_rad)
     model = swung(model, cut, orders, angles, arc_rad)
+    senses = any(type(effect).sense is not AbstractEffect.sense for effect in model.effects)
+    order = jnp.arange(orders + 1) if only is None or senses else only
     if not model.turns_evenly:
         lines = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
+        order = jnp.arange(len(lines)) if senses else order
+        lines = lines[order]
     else:
-        lines = _in_parts(model, cut, orders, nodes)
+        lines = _in_parts(model, cut, order, orders, nodes)
         if any(type(effect).body is not AbstractEffect.body for effect in model.effects):
-            lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[: orders + 1] / angles
-    if any(type(effect).sense is not AbstractEffect.sense for effect in model.effects):
-        wave = jnp.fft.irfft(_responded(model, cut, lines, along) * angles, angles, axis=0)
-        return jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[: orders + 1] / angles
-    return _responded(model, cut, lines[: orders + 1], along)
+            lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[order] / angles
+    lines = _responded(model, cut, order, lines, along)
+    if senses:
+        wave = jnp.fft.irfft(lines * angles, angles, axis=0)
+        order = jnp.arange(orders + 1) if only is None else only
+        lines = jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[order] / angles
+    return lines if only is None else jnp.zeros((orders + 1, 3), lines.dtype).at[only].set(lines)
 
 
 def swung(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: float = np.pi) -> ForceModel:
@@ -91,7 +99,8 @@ def swung(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: float 
             rest = ForceModel(model.tool, model.material, (*effects[:index], *effects[index + 1 :]))
             there = effect.spindle(from_zero, model)
             if rest.turns_evenly:
-                torque = _in_parts(rest, there, orders, nodes, of_torque=True)[:, 0]
+                every = jnp.arange(orders + 1)
+                torque = _in_parts(rest, there, every, orders, nodes, of_torque=True)[:, 0]
             else:
                 torque = jnp.fft.rfft(rest.torque_z(_turn(there, angles)))[: orders + 1] / angles
             effects[index] = effect.swung(torque, cut, model)
@@ -102,43 +111,43 @@ def _nodes(orders: int, arc_rad: float) -> int:
     return _FEWEST_NODES + int(_NODES_PER_RADIAN * orders * arc_rad)
 
 
-def _in_parts(model: ForceModel, cut: Cut, orders: int, nodes: int, of_torque: bool = False) -> Array:
-    """[orders + 1, 3] lines over time of the edges' force, or [orders + 1, 1] `of_torque` of theirs, each
-    part of the arc from `nodes` angles."""
+def _in_parts(
+    model: ForceModel, cut: Cut, order: Array, orders: int, nodes: int, of_torque: bool = False
+) -> Array:
+    """[H, 3] lines over time of the edges' force at the orders `order` [H], none above `orders`, or [H, 1]
+    `of_torque` of theirs, each part of the arc from `nodes` angles."""
     bent = any(type(effect).engage is not AbstractEffect.engage for effect in model.effects)
     for effect in model.effects:
         parts = None if bent else effect.arcs(cut, model)
         if parts is not None:
             rest = ForceModel(model.tool, model.material, tuple(e for e in model.effects if e is not effect))
-            each = (share * _in_parts(rest, part, orders, nodes, of_torque) for share, part in parts)
-            return sum(each, jnp.zeros((orders + 1, 1 if of_torque else 3)))
-    return _swept(model, cut, orders, nodes, of_torque)
+            each = (share * _in_parts(rest, part, order, orders, nodes, of_torque) for share, part in parts)
+            return sum(each, jnp.zeros((len(order), 1 if of_torque else 3)))
+    return _swept(model, cut, order, orders, nodes, of_torque)
 
 
-def _swept(model: ForceModel, cut: Cut, orders: int, nodes: int, of_torque: bool) -> Array:
-    """[orders + 1, 3] lines over time of the edges' force, or [orders + 1, 1] of their torque, from `nodes`
-    angles of the arc."""
+def _swept(model: ForceModel, cut: Cut, order: Array, orders: int, nodes: int, of_torque: bool) -> Array:
+    """[H, 3] lines over time of the edges' force, or [H, 1] of their torque, from `nodes` angles of the
+    arc."""
     node, weight = np.polynomial.legendre.leggauss(nodes)
     force, own, lag, even = model.elements_in_arc(
         cut, jnp.asarray(0.5 + 0.5 * node), jnp.asarray(0.5 * weight)
     )
-    order = np.arange(orders + 1)
     share = weight * (own[-1] - own[0]) / (node[-1] - node[0]) / (2.0 * np.pi)
     if of_torque:
         x, y, there = force[..., :1], force[..., 1:2], own[:, None, None, None]
         torque = lever_m(model.tool) * (y * jnp.sin(there) - x * jnp.cos(there))
-        return _transformed(own[:, None, None] + lag, torque * share[:, None, None, None], orders)
+        return _transformed(own[:, None, None] + lag, torque * share[:, None, None, None], orders)[order]
     if even is not None:
-        return _transformed(
-            even[0] - cut.angle_rad, force * (share[:, None, None] * even[1])[..., None], orders
-        )
+        value = force * (share[:, None, None] * even[1])[..., None]
+        return _transformed(even[0] - cut.angle_rad, value, orders)[order]
     place = jnp.exp(-1j * order[:, None, None] * (lag - cut.angle_rad))
     if _alike(model):
         force, place = force[:, :, :1], jnp.sum(place, axis=2, keepdims=True)
     turn = order[:, None] * own
     over_arc = jnp.concatenate([jnp.cos(turn), -jnp.sin(turn)]) * share
     parts = jnp.matmul(over_arc, force.reshape(nodes, -1), precision="highest")
-    parts = parts.reshape(2, orders + 1, *force.shape[1:])
+    parts = parts.reshape(2, len(order), *force.shape[1:])
     return jnp.einsum("nsj,nsja->na", place, jax.lax.complex(parts[0], parts[1]))
 
 
@@ -183,9 +192,14 @@ def _turn(cut: Cut, angles: int) -> Cut:
 
 
 def _responded(
-    model: ForceModel, cut: Cut, lines: Array, along: tuple[ArrayLike, ArrayLike] | None = None
+    model: ForceModel,
+    cut: Cut,
+    order: Array,
+    lines: Array,
+    along: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> Array:
-    frequency = jnp.arange(lines.shape[0]) * cut.spindle_speed_rev_s
+    """The `lines` [H, 3] at the orders `order` [H] as structure and sensor respond to them."""
+    frequency = order * cut.spindle_speed_rev_s
     if along is None:
         response = model.transfer(frequency, cut)
     else:

@@ -1,4 +1,4 @@
-"""Lines of a tool that does not turn evenly: sums over angles that lie anywhere."""
+"""Lines of a tool that does not turn evenly: sums over angles that lie anywhere; some lines alone."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from mjx_cutting.cutting import Cut, ForceModel, Material, Tool, effect_class, order_lines
 from mjx_cutting.cutting.orders import _transformed
 
 NODES, TEETH = 40, 24
@@ -43,3 +44,38 @@ def test_lines_in_single_precision():
     found, expected = _transformed(angle, value, 130), summed(angle, value, 130)
     assert found.dtype == jnp.complex64
     np.testing.assert_allclose(found, expected, atol=3e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        (),
+        ("radial_runout",),
+        ("unequal_pitch", "unbalance"),
+        ("sensor_resonance",),
+        ("crosstalk",),
+        ("torque_ripple",),
+        ("static_compliance",),
+        ("radial_runout", "joint_friction"),
+    ],
+)
+def test_lines_wanted_alone_are_those_among_all(names):
+    tool = Tool("slitting_saw", 12, 0.05, 0.0, slices=1)
+    with jax.enable_x64(True):
+        cut = Cut.milling(
+            "conventional",
+            0.05,
+            angle_rad=0.3,
+            spindle_speed_rev_s=10.0,
+            feed_speed_m_s=0.02,
+            radial_depth_m=0.004,
+            axial_width_m=0.002,
+        )
+        effects = [effect_class(name) for name in names]
+        parts = tuple(each.build(jnp.asarray(each.starts(tool))[-1], tool) for each in effects)
+        model = ForceModel(tool, Material(9e8, 9e3, 3e8, 4e3, 5e7, 5e2), parts)
+        every = np.asarray(order_lines(model, cut, 40, 960, 0.8))
+        only = np.array([12, 1, 0, 37])
+        some = np.asarray(order_lines(model, cut, 40, 960, 0.8, only=jnp.asarray(only)))
+    np.testing.assert_allclose(some[only], every[only], rtol=0.0, atol=1e-9 * np.abs(every).max())
+    assert not np.any(np.delete(some, only, axis=0))

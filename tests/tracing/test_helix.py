@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.cutting import ForceModel, Material, Tool, effect_class
-from mjx_cutting.tracing.fitting.problem import model_lines
+from mjx_cutting.tracing.fitting.model_lines import model_lines
 from mjx_cutting.tracing.trace import trace
 
 HELIX = effect_class("helix_lag")

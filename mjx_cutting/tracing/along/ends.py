@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, effect_class, order_lines
 from mjx_cutting.cutting.effects.entry_exit import part_of_arc
 from mjx_cutting.tracing.along.kind import Kind
-from mjx_cutting.tracing.fitting.problem import Problem, response, with_straight_teeth
+from mjx_cutting.tracing.fitting.model_lines import response, with_straight_teeth
+from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.records.course import Course
 from mjx_cutting.tracing.records.lines import Lines, band_limit, heard_turns
 

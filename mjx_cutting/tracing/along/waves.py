@@ -23,9 +23,10 @@ from mjx_cutting.cutting.chip import Chip
 from mjx_cutting.cutting.effects.abstract import EdgeForce
 from mjx_cutting.cutting.effects.layered_material import TORQUE_POWER
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
+from mjx_cutting.tracing.fitting.model_lines import model_lines
 from mjx_cutting.tracing.fitting.moving import wave
 from mjx_cutting.tracing.fitting.prediction import Prediction, without_droop
-from mjx_cutting.tracing.fitting.problem import Problem, model_lines
+from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.sheets import Sheets
 from mjx_cutting.tracing.records.course import Course, beside_path, felt_at
 from mjx_cutting.tracing.records.even_time import later

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from mjx_cutting import _platform
 from mjx_cutting.cutting import ForceModel
 from mjx_cutting.tracing.fitting.fit import COMPILER, STIFFNESS, Effects, Fit, in_air
+from mjx_cutting.tracing.fitting.model_lines import model_lines
 from mjx_cutting.tracing.fitting.problem import (
     Problem,
     beside_the_cuts,
     model_at,
-    model_lines,
     out_of_range,
     padded,
     shared_bias,
@@ -286,7 +286,7 @@ def _lines(problem: Problem, x: Array, effects: Effects) -> tuple[Array, Array, 
         model = jax.tree.map(jnp.asarray, model_at(problem, x, effects))
         outside = STIFFNESS * jnp.clip(out_of_range(problem, x, effects), -_HUGE, _HUGE)
         beside = jnp.concatenate([beside_the_cuts(problem, x, model), outside])
-        return model_lines(problem, model), shared_bias(problem, x), beside, model
+        return model_lines(problem, model, heard=True), shared_bias(problem, x), beside, model
 
     return jax.vmap(one)(x)
 

@@ -20,12 +20,12 @@ from jax import Array
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, ForceModel
+from mjx_cutting.tracing.fitting.model_lines import model_lines
 from mjx_cutting.tracing.fitting.problem import (
     CONSTANTS,
     Problem,
     beside_the_cuts,
     model_at,
-    model_lines,
     out_of_range,
     padded,
     rescaled,
@@ -162,7 +162,7 @@ def _fit_batch(problem: Problem, effects: Effects, starts: Array, use: Array) ->
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
 
     def lines_at(x: Array) -> Array:
-        return model_lines(problem, model_at(problem, x, effects))
+        return model_lines(problem, model_at(problem, x, effects), heard=True)
 
     differenced = by_differences(lines_at)
 

@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, ForceModel
 from mjx_cutting.cutting.effects.spindle_droop import SpindleDroop, UnderLoad
+from mjx_cutting.tracing.fitting.model_lines import by_position, model_lines
 from mjx_cutting.tracing.fitting.moving import MovingLines, wave
-from mjx_cutting.tracing.fitting.problem import Problem, by_position, cuts_of, model_lines
+from mjx_cutting.tracing.fitting.problem import Problem, cuts_of
 from mjx_cutting.tracing.fitting.residual import Residual, residual_of_lines
 from mjx_cutting.tracing.fitting.tuned import tuned_angle
 from mjx_cutting.tracing.records.course import along_path

@@ -1,5 +1,5 @@
-"""The fitting problem: measured lines of all trials, the conditions they were measured under, the lines of a
-force model beside them.
+"""The fitting problem: measured lines of all trials, the conditions they were measured under, the unknowns of
+a force model.
 
 Global unknowns x are six mechanistic constants, a shared bias where the sensor was zeroed once a session,
 and the coordinates of the effects; what each trial leaves unknown beside them is solved inside (`residual`).
@@ -10,7 +10,6 @@ every step.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -20,15 +19,13 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc, order_lines
-from mjx_cutting.cutting.centre_motion import CentreMotion, felt_on
-from mjx_cutting.cutting.effects.helix_lag import HelixLag
+from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool, arc
 from mjx_cutting.tracing.fitting.sheets import sheet_of_each, sheets_of
 from mjx_cutting.tracing.fitting.swinging import Swinging
 from mjx_cutting.tracing.records.air import Air, air_levels, left_in_air
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.line_gain import helix_gain, line_gain, slice_gain
+from mjx_cutting.tracing.records.line_gain import line_gain
 from mjx_cutting.tracing.records.lines import Lines
 from mjx_cutting.tracing.records.turns import holds_ripple
 from mjx_cutting.trials.dataset import Dataset, Trial
@@ -42,9 +39,7 @@ _FEWEST_ANGLES = 128
 _ANGLES_PER_ORDER = 12
 _BIAS_SPREAD = 0.3
 _MODEL_ERROR = 0.02
-_PLACES = 6
 _ARC_STEP = np.pi / 8.0
-_SLICES = 4
 _TRIALS_STEP = 4
 _ORDERS_STEP = 8
 _WIDTHS_APART = 1.1
@@ -54,7 +49,7 @@ class Problem(eqx.Module):
     """Everything a fit reads, as arrays over R trials.
 
     Fields:
-        tool: the cutter; its teeth are computed as straight ones (see `model_lines`).
+        tool: the cutter; its teeth are computed as straight ones (see `fitting.model_lines`).
         cut: conditions, every field [R].
         path_m: [R] length of the path that the record covers, about `cut.position_m`.
         whitened, factor, present: see `Lines`; without the orders that are heard in no trial.
@@ -296,88 +291,12 @@ def shared_bias(problem: Problem, x: Array) -> Array:
     return bias.at[0].set(0.0) if problem.tool.kind == "drill" else bias
 
 
-def _thrust_and_torque(model: ForceModel, cut: Cut) -> Array:
-    """[3] nothing, torque (N m) and thrust (N) of a drill as sensed, in the order of `levels`."""
-    thrust = model.process_force(cut)[2]
-    channels = jnp.stack([jnp.zeros_like(thrust), model.torque_z(cut), thrust])
-    return model.sense(channels, cut).at[0].set(0.0)
-
-
 def _rms_by_axis(dataset: Dataset, lines: Lines, rms: float) -> np.ndarray[Any, Any]:
     """[3] size of the force that a model error is counted from; torque and thrust differ in unit."""
     if dataset.tool.kind != "drill":
         return np.full(3, rms)
     own = np.sqrt(lines.energy_n2.sum(axis=0) / lines.samples.sum())
     return np.where(own > 0.0, own, rms)
-
-
-def model_lines(problem: Problem, model: ForceModel, at_one_place: bool = False) -> Array:
-    """[R, orders + 1, 3] complex lines of the sensed force of every trial, tooth 0 at angle zero, N: their
-    mean over the path, or `at_one_place` those there.
-
-    The teeth are straight ones, since a helix only delays slices of the edge, which in the order domain is
-    the exact factor (1 - exp(-i n lag)) / (i n lag) in `response`, whatever corrects its angle.
-    """
-    straight = with_straight_teeth(problem, model)
-    if problem.tool.kind == "drill":
-        return jax.vmap(partial(_thrust_and_torque, straight))(problem.cut)[:, None] + 0j
-    orders, angles, arc_rad = problem.orders, problem.angles, problem.arc_rad
-
-    def along(cut: Cut, path_m: Array, motion: Array | None) -> Array:
-        moving = straight if motion is None else straight.with_effects(CentreMotion(motion))
-
-        def at(place: ArrayLike, stretch: tuple[ArrayLike, ArrayLike] | None = None) -> Array:
-            here = cut.replace(position_m=place)
-            here = here if motion is None else felt_on(here, motion, angles)
-            return order_lines(moving, here, orders, angles, arc_rad, stretch)
-
-        if at_one_place or not by_position(model):
-            return at(cut.position_m)
-        node, weight = np.polynomial.legendre.leggauss(_PLACES)
-        places, share = cut.position_m + 0.5 * path_m * node, 0.5 * weight
-        if all(each.transfer is not AbstractEffect.transfer for each in _by_position(model)):
-            return at(cut.position_m, (places, share))
-        return jnp.tensordot(share, jax.vmap(at)(places), axes=1)
-
-    lines = jax.vmap(along)(problem.cut, problem.path_m, problem.motion) * np.array(problem.alive)
-    return lines * response(problem, model)[..., None]
-
-
-def with_straight_teeth(problem: Problem, model: ForceModel) -> ForceModel:
-    """The model without a helix, or in few slices of it where the tool does not turn evenly."""
-    slices = _slices(problem, model)
-    helix_rad = _helix_rad(problem, model) if slices > 1 else 0.0
-    tool = Tool(problem.tool.kind, problem.tool.teeth, problem.tool.diameter_m, helix_rad, slices)
-    rest = tuple(each for each in model.effects if not isinstance(each, HelixLag))
-    return ForceModel(tool, model.material, rest)
-
-
-def response(problem: Problem, model: ForceModel) -> Array:
-    """[R, orders + 1] what the known filter and the helix, with what corrects it, make of the lines of
-    straight teeth, or of slices that are straight."""
-    slices = _slices(problem, model)
-    width = jnp.asarray(problem.cut.axial_width_m) / slices
-    of_helix = slice_gain if slices > 1 else helix_gain
-    return problem.gain * of_helix(width, problem.tool.diameter_m, _helix_rad(problem, model), problem.orders)
-
-
-def _slices(problem: Problem, model: ForceModel) -> int:
-    swings = any(each.swings for each in model.effects)
-    return _SLICES if swings and problem.tool.kind == "end_mill" else 1
-
-
-def _helix_rad(problem: Problem, model: ForceModel) -> Array:
-    corrections = (jnp.asarray(each.helix_rad) for each in model.effects if isinstance(each, HelixLag))
-    return sum(corrections, start=jnp.asarray(problem.tool.helix_rad))
-
-
-def by_position(model: ForceModel) -> bool:
-    """Whether the response of an effect changes along the path."""
-    return bool(_by_position(model))
-
-
-def _by_position(model: ForceModel) -> list[type[AbstractEffect]]:
-    return [type(effect) for effect in model.effects if effect.by_position]
 
 
 def _length_m(trial: Trial) -> float:

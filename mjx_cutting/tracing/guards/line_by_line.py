@@ -19,7 +19,8 @@ from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect
 from mjx_cutting.tracing.fitting.descent import Descent
 from mjx_cutting.tracing.fitting.fit import Effects
-from mjx_cutting.tracing.fitting.problem import Problem, model_at, model_lines, shared_bias
+from mjx_cutting.tracing.fitting.model_lines import model_lines
+from mjx_cutting.tracing.fitting.problem import Problem, model_at, shared_bias
 from mjx_cutting.tracing.fitting.residual import marks, residual_of_lines
 from mjx_cutting.tracing.guards.gain import Gain
 

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike
 
 from mjx_cutting import _platform
 from mjx_cutting.cutting import Cut, ForceModel, arc
-from mjx_cutting.tracing.fitting.problem import Problem, model_lines
+from mjx_cutting.tracing.fitting.model_lines import model_lines
+from mjx_cutting.tracing.fitting.problem import Problem
 from mjx_cutting.tracing.fitting.residual import as_measured, residual_of_lines
 from mjx_cutting.tracing.records.line_gain import line_gain
 from mjx_cutting.tracing.records.lines import Lines

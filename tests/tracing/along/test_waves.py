@@ -13,8 +13,8 @@ from mjx_cutting.cutting import ForceModel, Material, Tool
 from mjx_cutting.cutting.effects import FlankWear, MaterialPeriodicity, SideFriction, Unbalance
 from mjx_cutting.tracing.along.at_teeth import AtTeeth
 from mjx_cutting.tracing.along.waves import _chip_and_edge, courses
+from mjx_cutting.tracing.fitting.model_lines import model_lines
 from mjx_cutting.tracing.fitting.prediction import predictions
-from mjx_cutting.tracing.fitting.problem import model_lines
 
 CHIP, EDGE = (8e8, 2.4e8, 1.2e8), (2e4, 1.6e4, 4e3)
 WEAR = FlankWear(np.array([3e8, 6e8, 2e8]), rate=1e-3)

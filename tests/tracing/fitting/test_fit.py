@@ -11,7 +11,8 @@ import pytest
 from mjx_cutting.cutting.effects import RadialRunout
 from mjx_cutting.tracing.fitting.fit import base_starts, effect_starts, fit, freedom, reweighted, spread
 from mjx_cutting.tracing.fitting.heldout import folds, held_out
-from mjx_cutting.tracing.fitting.problem import model_lines, out_of_range, pose
+from mjx_cutting.tracing.fitting.model_lines import model_lines
+from mjx_cutting.tracing.fitting.problem import out_of_range, pose
 from mjx_cutting.tracing.fitting.residual import residual_of_lines
 from mjx_cutting.tracing.records.lines import compress, trusted_band
 from mjx_cutting.trials.synthetic import Hidden
