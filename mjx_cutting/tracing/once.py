@@ -31,6 +31,7 @@ from mjx_cutting.tracing.guards.now_and_then import rather_now_and_then
 from mjx_cutting.tracing.naming.lesser_part import rather_the_rest, refused
 from mjx_cutting.tracing.naming.wandering import rather_wandering
 from mjx_cutting.tracing.passes import Pass, Searches, missing, near_floor
+from mjx_cutting.tracing.records.heard_speed import as_heard
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.lines import Lines, band_limit
 from mjx_cutting.tracing.records.part import without_force
@@ -62,6 +63,8 @@ def once(
     one that swings within the turn.
     """
     progress("reading the lines of every trial")
+    if posed is pose:
+        dataset = as_heard(dataset)
     measured = dataset
     if posed is pose:
         dataset = without_edges(measured, band_hz)

@@ -84,6 +84,9 @@ def outside_the_cut(dataset: Dataset, inside: Pass) -> list[Outside]:
         first = int(np.searchsorted(trial.time_s, cut.time_s[0]))
         traced = slice(first, first + len(cut.time_s))
         angle = turned + told.angle_rad[0] - turned[first]
+        # within the part traced the spindle's own way is known, and goes on from there
+        angle[traced.stop :] += told.angle_rad[-1] - angle[traced.stop - 1]
+        angle[traced] = told.angle_rad
         steady = wave(lines, index, angle, ramps[fold[index]].whole(index), rate)
         measured = band_limit(trial.force_n, rate, lines.band_hz)
         # the part traced may have been brought to a zero of its own

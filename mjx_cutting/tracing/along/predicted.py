@@ -32,6 +32,7 @@ from mjx_cutting.tracing.fitting.prediction import Prediction, loaded_about, pre
 from mjx_cutting.tracing.fitting.problem import Problem, pose
 from mjx_cutting.tracing.records.course import Course
 from mjx_cutting.tracing.records.followed_angle import as_followed
+from mjx_cutting.tracing.records.heard_speed import as_heard
 from mjx_cutting.tracing.records.levels import as_levels
 from mjx_cutting.tracing.records.lines import Lines, band_limit, compress, trusted_band
 from mjx_cutting.tracing.records.part import without_force
@@ -60,7 +61,7 @@ def predict_trials(
         ValueError: an empty band, or a stair of the feed where none was measured.
     """
     with _platform.x64():
-        dataset = as_followed(as_turned(as_levels(as_late(dataset, delay_s(model)))))
+        dataset = as_heard(as_followed(as_turned(as_levels(as_late(dataset, delay_s(model))))))
         band_hz, rate_hz = trusted_band(dataset, band_hz), dataset.sensor.sample_rate_hz
         bare, steady, along = _parted(model)
         _check_fed(dataset, along)

@@ -116,3 +116,14 @@ def most_power(trial: Trial, frequency_hz: Array, alias: AntiAlias | None) -> Ar
 def turning_against(time: Array, frequency_hz: Array) -> NDArray[np.complexfloating]:
     """[F, T] a turn against each frequency."""
     return np.asarray(np.exp(-2j * np.pi * np.multiply.outer(frequency_hz, time)))
+
+
+def standing_alone(time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int) -> Array:
+    """[F] 1 for the orders whose lines no other comes near after sampling, and of those that come near each
+    other for the one of tooth passing, which is the stronger; all, where there is no such."""
+    frequency, rate_hz = orders * speed_rev_s, (len(time) - 1) / time[-1]
+    folded = np.abs(frequency - rate_hz * np.round(frequency / rate_hz))
+    near = np.abs(np.subtract.outer(folded, folded)) < RESOLVED / time[-1]
+    is_tooth = orders % teeth == 0
+    alone = (near.sum(axis=1) == 1) | (is_tooth & (near[:, is_tooth].sum(axis=1) == 1))
+    return alone.astype(float) if alone.any() else np.ones(len(orders))

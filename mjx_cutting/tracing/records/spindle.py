@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from mjx_cutting.tracing.records.blocks import block_edges, block_means
 from mjx_cutting.tracing.records.comb import (
     PAD,
-    RESOLVED,
     SPREAD,
     candidate_speeds,
     coarse_power,
     comb,
     most_power,
     orders_told,
+    standing_alone,
     turning_against,
     weights_of,
     windowed,
@@ -104,7 +104,7 @@ def spindle_speed(
         orders, most, power = orders[told], most[told], power[:, told]
         at = int(np.argmax(power @ weights_of(orders, teeth)))
     best = float(candidates[at])
-    strength = comb(signal, time, orders, best, teeth, most) * _standing_alone(time, orders, best, teeth)
+    strength = comb(signal, time, orders, best, teeth, most) * standing_alone(time, orders, best, teeth)
     strongest = orders[np.argsort(strength)[-_REFINED:]]
     strongest = strongest[np.sort(strength)[-_REFINED:] > 0.0]
     # the coarse spectrum cannot place the peak better than a bin of its strongest line
@@ -197,14 +197,3 @@ def _energy_near(
         return float(np.sum(np.abs(np.einsum("fb,fba->fa", slow, sums)) ** 2, axis=1) @ weights)
 
     return energy
-
-
-def _standing_alone(time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int) -> Array:
-    """[F] 1 for the orders whose lines no other comes near after sampling, and of those that come near each
-    other for the one of tooth passing, which is the stronger; all, where there is no such."""
-    frequency, rate_hz = orders * speed_rev_s, (len(time) - 1) / time[-1]
-    folded = np.abs(frequency - rate_hz * np.round(frequency / rate_hz))
-    near = np.abs(np.subtract.outer(folded, folded)) < RESOLVED / time[-1]
-    is_tooth = orders % teeth == 0
-    alone = (near.sum(axis=1) == 1) | (is_tooth & (near[:, is_tooth].sum(axis=1) == 1))
-    return alone.astype(float) if alone.any() else np.ones(len(orders))
