@@ -20,6 +20,7 @@ from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
 from mjx_cutting.tracing.telling.judged import Judged, in_shares, judged
 from mjx_cutting.tracing.telling.own_constants import own_constants
+from mjx_cutting.tracing.telling.own_teeth import OwnTeeth
 from mjx_cutting.tracing.telling.unlike_chips import unlike_chips
 from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
 from mjx_cutting.tracing.telling.verdict import verdict
@@ -52,6 +53,7 @@ def told(
     depends: tuple[tuple[Dependence, ...], tuple[Dependence, ...]],
     zeros_known: bool,
     others: Sequence[object | None],
+    own: OwnTeeth | None = None,
 ) -> Tracing:
     """What was found, told (call it in float64).
 
@@ -59,6 +61,7 @@ def told(
         depends: what the residuals without and with what was found depend on.
         zeros_known: whether the zeros of the records are.
         others: what else limits the conclusions and was seen on the way, to be written as it is.
+        own: shares of force of the teeth's own, which `depends` leaves out of account.
     """
     depends_before, depends_after = depends
     band = found.lines.band_hz
@@ -74,6 +77,8 @@ def told(
     if found.dataset.tool.kind not in LEVEL_KINDS:
         grown = growing_noise(found.after, found.dataset.sensor.sample_rate_hz, band)
     by = _judged(found, zeros_known, grown)
+    if own is not None:
+        by = by.less(own.share, everywhere=not found.kinds)
     word = verdict(
         found.dataset,
         found.lines,
@@ -98,7 +103,7 @@ def told(
         *others,
     )
     grows = None if grown is None else f"what is left is noise that grows with the force: {grown:.1%} of it"
-    remarks = [str(each) for each in (grows, by.chips, by.by_axis, *limits) if each is not None]
+    remarks = [str(each) for each in (own, grows, by.chips, by.by_axis, *limits) if each is not None]
     word["remaining"]["description"] = "; ".join([word["remaining"]["description"], *remarks])
     return Tracing(
         **vars(found),

@@ -36,6 +36,7 @@ from mjx_cutting.tracing.telling.axes import (
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.own_factor import followed
+from mjx_cutting.tracing.telling.own_teeth import own_teeth
 from mjx_cutting.tracing.telling.verdict import only_scatter, testable
 from mjx_cutting.tracing.told import Tracing, told
 from mjx_cutting.trials.dataset import Dataset
@@ -178,7 +179,13 @@ def _trace(
         if _by_chance(found, before):
             found = without_names(found, once(found.dataset, band, (), (), seed, progress))
             after = before
-        return told(found, (before, after), zeros, (part, columns, level))
+        own = None
+        if any(each.found and each.covariate == "spindle order" for each in after):
+            own = own_teeth(found.dataset, found.lines, found.search, found.after)
+        if own is not None:
+            after = dependences(found.dataset, own.without, teeth, orders)
+            before = before if found.kinds else after
+        return told(found, (before, after), zeros, (part, columns, level), own)
 
 
 def _by_chance(found: Pass, before: Sequence[Dependence]) -> bool:

@@ -41,6 +41,13 @@ class Judged:
     unlike: float | None = None
     noise: float = 0.0
 
+    def less(self, share: float, everywhere: bool) -> Judged:
+        """The same, a `share` of the energy that the model found leaves not counted; nor, if `everywhere`, of
+        what is left without what was found."""
+        times = float(np.sqrt(1.0 - share))
+        before = self.before * times if everywhere else self.before
+        return replace(self, before=before, after=self.after * times)
+
     @property
     def chips(self) -> str | None:
         """In words, that chips are not alike."""
