@@ -9,6 +9,7 @@ Effects of structure and spindle that answer to the mean load, not to single tee
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -39,6 +40,7 @@ class MeanLoad(NamedTuple):
 def mean_load(model: ForceModel, cut: Cut, as_alike: bool = False) -> MeanLoad:
     """Mean force and torque under these conditions; `cut.angle_rad` does not matter. `as_alike`: as if every
     tooth did what the others do, which costs little."""
+    model = replace(model, effects=tuple(each for each in model.effects if not each.evens_out))
     if as_alike or teeth_alike(model):
         return _of_chip(model, cut, _sample(model, cut))
     batch = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(cut)))

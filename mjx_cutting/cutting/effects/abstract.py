@@ -112,6 +112,8 @@ class AbstractEffect(eqx.Module):
             angle: while the teeth are alike, lines are found from one of them.
         idle_teeth: True where `chip` takes one tooth or more out of the cut: the mean load is then that of
             every tooth by itself.
+        evens_out: True where `edge` gives each tooth more or less than the others, and nothing to their
+            mean: the mean load is taken without it.
         damps: True where all that the effect does is to take energy from the lines, most from the highest.
         by_position: True where `transfer` changes along the path (`Cut.position_m`): what a record shows is
             its mean over the stretch.
@@ -138,6 +140,7 @@ class AbstractEffect(eqx.Module):
     swings: ClassVar[bool] = False
     alike: ClassVar[bool] = False
     idle_teeth: ClassVar[bool] = False
+    evens_out: ClassVar[bool] = False
     damps: ClassVar[bool] = False
     by_position: ClassVar[bool] = False
     only_axis: ClassVar[int | None] = None

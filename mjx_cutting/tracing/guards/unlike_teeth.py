@@ -36,6 +36,7 @@ class UnlikeTeeth(EachTooth):
     name = "unlike_teeth"
     stage = "edge"
     strength = "share"
+    evens_out: ClassVar[bool] = True
     parameters: ClassVar[dict[str, Parameter]] = {
         "share": Parameter("1", -1.0, 1.0, 0.0, _TYPICAL, per_tooth=True, source="no physics: fitted")
     }
