@@ -24,8 +24,9 @@ from scipy import stats
 from mjx_cutting.tracing.records.comb import standing_alone, turning_against
 from mjx_cutting.tracing.records.even_time import even_time, from_start
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
-from mjx_cutting.tracing.records.spindle import spindle_speed, stated_speed
-from mjx_cutting.trials.dataset import AntiAlias, Dataset, Trial
+from mjx_cutting.tracing.records.motor import spindle_speeds
+from mjx_cutting.tracing.records.spindle import stated_speed
+from mjx_cutting.trials.dataset import Dataset, Trial
 
 _HARMONICS = 6
 _MOST = 16
@@ -35,6 +36,7 @@ _STEPS = 12
 _HEARD = 0.02
 _SLOW = 1.5
 _WORTH = 8.0
+_HOLDS = 0.25
 _SURELY = 1e-6
 _LEAST = 3e-3
 _AGREE = 0.95
@@ -49,14 +51,21 @@ def as_heard(dataset: Dataset) -> Dataset:
     within the record and was not measured, or not seen to change. Its mean stays what was stated."""
     if dataset.tool.kind in LEVEL_KINDS:
         return dataset
-    teeth, alias = dataset.tool.teeth, dataset.sensor.anti_alias
-    return replace(dataset, trials=tuple(_heard(trial, teeth, alias) for trial in dataset.trials))
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    # a motor may give way by far more than a trial alone is searched for
+    if not cuts:
+        return dataset
+    rest, teeth = iter(spindle_speeds(cuts, dataset.tool, dataset.sensor.anti_alias)), dataset.tool.teeth
+    trials = (
+        _heard(each, teeth, float(next(rest))) if each.kind == "cut" else each for each in dataset.trials
+    )
+    return replace(dataset, trials=tuple(trials))
 
 
-def _heard(trial: Trial, teeth: int, alias: AntiAlias | None) -> Trial:
-    if trial.kind != "cut" or trial.spindle_angle_rad is not None or even_time(trial) is not None:
+def _heard(trial: Trial, teeth: int, speed_rev_s: float) -> Trial:
+    if trial.spindle_angle_rad is not None or even_time(trial) is not None:
         return trial
-    change = speed_change(trial, teeth, spindle_speed(trial, teeth, alias))
+    change = speed_change(trial, teeth, speed_rev_s)
     if change is None:
         return trial
     heard = np.asarray(stated_speed(trial) * (1.0 + change), dtype=np.float64)
@@ -74,7 +83,8 @@ def speed_change(trial: Trial, teeth: int, speed_rev_s: float) -> Array | None:
     signal = trial.force_n[:, ~np.isnan(trial.force_n).any(axis=0)]
     if turns < _FEWEST_TURNS or not np.ptp(signal):
         return None
-    lines = _Lines.of(time, signal - signal.mean(axis=0), teeth, speed_rev_s, turns)
+    moving = signal - signal.mean(axis=0)
+    lines = _Lines.of(time, moving, teeth, speed_rev_s, turns)
     if not len(lines.order):
         return None
     most = min(_MOST, turns // _TURNS_PER_TERM)
@@ -86,7 +96,10 @@ def speed_change(trial: Trial, teeth: int, speed_rev_s: float) -> Array | None:
     value = max((lines.settled(basis, start) for start in lines.starts(basis)), key=lines.energy_of(basis))
     basis, value = lines.of_fewest(basis, value)
     term = term[: len(value) - 1]
-    force_n2 = len(basis) * float(np.mean(np.sum(signal**2, axis=1)))
+    force_n2, moving_n2 = (len(basis) * float(np.mean(np.sum(each**2, axis=1))) for each in (signal, moving))
+    # at a speed that is not the spindle's, tooth passing holds little
+    if 2.0 * lines.energy_of(basis)(value) < _HOLDS * moving_n2:
+        return None
     # what takes as many terms as are allowed at most is not slow
     if not 0 < len(term) < _MOST or not lines.believed(basis, value, force_n2):
         return None
