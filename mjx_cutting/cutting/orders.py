@@ -68,21 +68,22 @@ def order_lines(
     nodes = _nodes(orders, arc_rad)
     model = swung(model, cut, orders, angles, arc_rad)
     senses = any(type(effect).sense is not AbstractEffect.sense for effect in model.effects)
-    order = jnp.arange(orders + 1) if only is None or senses else only
-    if not model.turns_evenly:
-        lines = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
-        order = jnp.arange(len(lines)) if senses else order
-        lines = lines[order]
-    else:
+    wanted = jnp.arange(orders + 1) if only is None else only
+    # a sensor that acts on the wave needs all of its lines
+    if model.turns_evenly:
+        order = jnp.arange(orders + 1) if senses else wanted
         lines = _in_parts(model, cut, order, orders, nodes)
         if any(type(effect).body is not AbstractEffect.body for effect in model.effects):
             lines = lines + jnp.fft.rfft(model.body_force(_turn(cut, angles)), axis=0)[order] / angles
+    else:
+        every = jnp.fft.rfft(model.process_force(_turn(cut, angles)), axis=0) / angles
+        order = jnp.arange(len(every)) if senses else wanted
+        lines = every[order]
     lines = _responded(model, cut, order, lines, along)
     if senses:
         wave = jnp.fft.irfft(lines * angles, angles, axis=0)
-        order = jnp.arange(orders + 1) if only is None else only
-        lines = jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[order] / angles
-    return lines if only is None else jnp.zeros((orders + 1, 3), lines.dtype).at[only].set(lines)
+        lines = jnp.fft.rfft(model.sense(wave, _turn(cut, angles)), axis=0)[wanted] / angles
+    return lines if only is None else jnp.zeros((orders + 1, 3), lines.dtype).at[wanted].set(lines)
 
 
 def swung(model: ForceModel, cut: Cut, orders: int, angles: int, arc_rad: float = np.pi) -> ForceModel:
