@@ -30,6 +30,11 @@ def windowed(trial: Trial) -> tuple[Array, Array]:
     return (signal - signal.mean(axis=0)) * np.hanning(len(signal))[:, None], time
 
 
+def folded_hz(frequency_hz: Array, rate_hz: float) -> Array:
+    """Frequencies at which lines appear after sampling, Hz."""
+    return np.abs(frequency_hz - rate_hz * np.round(frequency_hz / rate_hz))
+
+
 def candidate_speeds(
     middle: float, below: float, above: float, time: Array, orders: NDArray[np.int64]
 ) -> tuple[Array, float]:
@@ -121,8 +126,7 @@ def turning_against(time: Array, frequency_hz: Array) -> NDArray[np.complexfloat
 def standing_alone(time: Array, orders: NDArray[np.int64], speed_rev_s: float, teeth: int) -> Array:
     """[F] 1 for the orders whose lines no other comes near after sampling, and of those that come near each
     other for the one of tooth passing, which is the stronger; all, where there is no such."""
-    frequency, rate_hz = orders * speed_rev_s, (len(time) - 1) / time[-1]
-    folded = np.abs(frequency - rate_hz * np.round(frequency / rate_hz))
+    folded = folded_hz(orders * speed_rev_s, (len(time) - 1) / time[-1])
     near = np.abs(np.subtract.outer(folded, folded)) < RESOLVED / time[-1]
     is_tooth = orders % teeth == 0
     alone = (near.sum(axis=1) == 1) | (is_tooth & (near[:, is_tooth].sum(axis=1) == 1))

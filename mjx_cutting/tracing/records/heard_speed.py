@@ -13,7 +13,6 @@ where it is beyond chance and more than a calculation of the force may be off.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +20,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy import stats
 
-from mjx_cutting.tracing.records.comb import standing_alone, turning_against
+from mjx_cutting.tracing.records.comb import folded_hz, standing_alone, turning_against
 from mjx_cutting.tracing.records.even_time import even_time, from_start
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.motor import spindle_speeds
@@ -36,7 +35,6 @@ _STEPS = 12
 _HEARD = 0.02
 _SLOW = 1.5
 _WORTH = 8.0
-_HOLDS = 0.02
 _SURELY = 1e-6
 _LEAST = 3e-3
 _AGREE = 0.95
@@ -52,13 +50,14 @@ def as_heard(dataset: Dataset) -> Dataset:
     if dataset.tool.kind in LEVEL_KINDS:
         return dataset
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
-    # a motor may give way by far more than a trial alone is searched for
     if not cuts:
         return dataset
-    rest, teeth = iter(spindle_speeds(cuts, dataset.tool, dataset.sensor.anti_alias)), dataset.tool.teeth
-    trials = (
-        _heard(each, teeth, float(next(rest))) if each.kind == "cut" else each for each in dataset.trials
-    )
+    # a motor may give way by far more than a trial alone is searched for
+    speeds = iter(spindle_speeds(cuts, dataset.tool, dataset.sensor.anti_alias))
+    trials = [
+        _heard(trial, dataset.tool.teeth, float(next(speeds))) if trial.kind == "cut" else trial
+        for trial in dataset.trials
+    ]
     return replace(dataset, trials=tuple(trials))
 
 
@@ -83,8 +82,7 @@ def speed_change(trial: Trial, teeth: int, speed_rev_s: float) -> Array | None:
     signal = trial.force_n[:, ~np.isnan(trial.force_n).any(axis=0)]
     if turns < _FEWEST_TURNS or not np.ptp(signal):
         return None
-    moving = signal - signal.mean(axis=0)
-    lines = _Lines.of(time, moving, teeth, speed_rev_s, turns)
+    lines = _Lines.of(time, signal - signal.mean(axis=0), teeth, speed_rev_s, turns)
     if not len(lines.order):
         return None
     most = min(_MOST, turns // _TURNS_PER_TERM)
@@ -93,13 +91,11 @@ def speed_change(trial: Trial, teeth: int, speed_rev_s: float) -> Array | None:
     # a mean speed that is a little off makes a straight line, which is not of the curve; nor is a mean angle
     basis = np.column_stack([way, _ahead(way, term)])
     basis -= basis.mean(axis=0)
-    value = max((lines.settled(basis, start) for start in lines.starts(basis)), key=lines.energy_of(basis))
+    settled = (lines.settled(basis, start) for start in lines.starts(basis))
+    value = max(settled, key=lambda value: lines.energy(basis @ value))
     basis, value = lines.of_fewest(basis, value)
     term = term[: len(value) - 1]
-    force_n2, moving_n2 = (len(basis) * float(np.mean(np.sum(each**2, axis=1))) for each in (signal, moving))
-    # at a speed that is not the spindle's, tooth passing holds little
-    if 2.0 * lines.energy_of(basis)(value) < _HOLDS * moving_n2:
-        return None
+    force_n2 = len(basis) * float(np.mean(np.sum(signal**2, axis=1)))
     # what takes as many terms as are allowed at most is not slow
     if not 0 < len(term) < _MOST or not lines.believed(basis, value, force_n2):
         return None
@@ -131,8 +127,7 @@ class _Lines:
         """Of a record [T, A] over its whole turns."""
         order = teeth * np.arange(1, _HARMONICS + 1)
         # a harmonic that folds to where the force itself changes slowly tells nothing of the spindle
-        frequency, rate_hz = order * speed_rev_s, (len(time) - 1) / time[-1]
-        folded = np.abs(frequency - rate_hz * np.round(frequency / rate_hz))
+        folded = folded_hz(order * speed_rev_s, (len(time) - 1) / time[-1])
         alone = standing_alone(time, order, speed_rev_s, teeth) > 0.0
         order = order[alone & (folded > _SLOW * speed_rev_s)]
         edges = np.searchsorted(time, np.arange(turns + 1) / speed_rev_s)
@@ -153,25 +148,19 @@ class _Lines:
             found.append(np.linalg.lstsq(basis, angle - angle.mean(), rcond=None)[0])
         return found
 
-    def energy_of(self, basis: Array) -> Callable[[Array], float]:
-        """Energy of the lines, over the turns, that stands still under a curve of parts [M], N^2."""
-
-        def energy(value: Array) -> float:
-            return len(basis) * float(np.sum(np.abs(self._still(basis @ value).mean(axis=1)) ** 2))
-
-        return energy
+    def energy(self, angle: Array) -> float:
+        """Energy of the lines, over the turns, that stands still under an angle [B], N^2."""
+        return len(angle) * float(np.sum(np.abs(self._still(angle).mean(axis=1)) ** 2))
 
     def settled(self, basis: Array, value: Array) -> Array:
         """[M] parts of the curve near `value` under which most of the lines stands still."""
-        energy = self.energy_of(basis)
-        reached = energy(value)
+        reached, square = self.energy(basis @ value), basis.T @ basis
         for _ in range(_STEPS):
             size, moved = self._moved(basis @ value)
             toward = np.sum((size**2 * self.order)[:, None] * moved, axis=0) @ basis
-            step = np.linalg.lstsq(np.sum((size * self.order) ** 2) * (basis.T @ basis), toward, rcond=None)[
-                0
-            ]
-            after = energy(value + step)
+            told = float(np.sum((size * self.order) ** 2))
+            step = np.linalg.lstsq(told * square, toward, rcond=None)[0]
+            after = self.energy(basis @ (value + step))
             if after <= reached:
                 break
             value, reached = value + step, after
@@ -185,7 +174,7 @@ class _Lines:
             first = basis[:, :count]
             closest = np.linalg.lstsq(first, basis @ value, rcond=None)[0]
             found = self.settled(first, closest)
-            tried.append((self.energy_of(first)(found) - _WORTH * count * scatter, first, found))
+            tried.append((self.energy(first @ found) - _WORTH * count * scatter, first, found))
         _, first, found = max(tried, key=lambda each: each[0])
         return first, found
 
@@ -198,9 +187,9 @@ class _Lines:
     def believed(self, basis: Array, value: Array, force_n2: float) -> bool:
         """Whether the lines move as the curve says, where the squares of the force sum to `force_n2` over the
         turns."""
-        energy, parts, lines = self.energy_of(basis), len(value) - 1, len(self.order)
-        straight = self.settled(basis[:, :1], np.zeros(1))
-        gained = energy(value) - energy(np.append(straight, np.zeros(parts)))
+        parts, lines, straight = len(value) - 1, len(self.order), basis[:, :1]
+        reached = self.energy(basis @ value)
+        gained = reached - self.energy(straight @ self.settled(straight, np.zeros(1)))
         scatter = self._scatter(basis, value)
         free = max(lines * (len(basis) - len(value)), 1)
         by_chance = stats.f.sf(gained / max(parts * scatter, 1e-300), parts, free)
@@ -215,7 +204,7 @@ class _Lines:
         return (
             gained > _AGREE * (gained + max(apart, 0.0))
             and gained > _ONLY_PHASE * slow
-            and energy(value) > _STILL * float(np.sum(np.abs(self.wave) ** 2))
+            and reached > _STILL * float(np.sum(np.abs(self.wave) ** 2))
         )
 
     def _still(self, angle: Array) -> Complex:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from mjx_cutting.tracing.records.comb import folded_hz
 from mjx_cutting.tracing.records.followed import followed_orders, without_far_orders
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.motor import spindle_speeds
@@ -260,18 +261,13 @@ def _highest_order(dataset: Dataset, band_hz: tuple[float, float], slowest_rev_s
     order = np.arange(1, min(wanted, most) + 1)
     frequency = order * slowest_rev_s
     beside = _BESIDE + max(reach(trial) for trial in dataset.trials if trial.kind == "cut")
-    heard = _folded(frequency, sensor.sample_rate_hz) <= band_hz[1] + beside * slowest_rev_s
+    heard = folded_hz(frequency, sensor.sample_rate_hz) <= band_hz[1] + beside * slowest_rev_s
     if sensor.anti_alias is not None:
         alias = sensor.anti_alias
         heard &= (frequency / alias.hz) ** alias.order < _INAUDIBLE
     highest = int(order[heard].max(initial=1))
     # in few sizes, so that what is compiled for one data set serves others
     return next((size for size in _SIZES if most >= size >= highest), most)
-
-
-def _folded(frequency_hz: Array, rate_hz: float) -> Array:
-    """Frequencies at which lines appear after sampling, Hz."""
-    return np.abs(frequency_hz - rate_hz * np.round(frequency_hz / rate_hz))
 
 
 def _one(
@@ -281,7 +277,7 @@ def _one(
     record = band_limit(trial.force_n, rate_hz, band_hz)
     columns = real_columns(filtered_turns(spindle_angle(trial, speed), len(followed) - 1, sensor))
     order = order_of_columns(len(followed) - 1)
-    folded = _folded(order * speed, rate_hz)
+    folded = folded_hz(order * speed, rate_hz)
     beside = (_BESIDE + reach(trial)) * speed
     in_band = (folded >= band_hz[0] - beside) & (folded <= band_hz[1] + beside)
     present = (in_band & followed[order]).astype(float)
