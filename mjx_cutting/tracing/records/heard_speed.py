@@ -20,7 +20,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy import stats
 
-from mjx_cutting.tracing.records.comb import folded_hz, standing_alone, turning_against
+from mjx_cutting.tracing.records.comb import SPREAD, folded_hz, standing_alone, turning_against
 from mjx_cutting.tracing.records.even_time import even_time, from_start
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.motor import spindle_speeds
@@ -46,16 +46,19 @@ Complex = NDArray[np.complexfloating]
 
 def as_heard(dataset: Dataset) -> Dataset:
     """The data set, its cuts with the speed that the force says they turned at, where it surely changes
-    within the record and was not measured, or not seen to change. Its mean stays what was stated."""
+    within the record and was not measured, or not seen to change. Its mean stays what was stated. Nothing is
+    heard of a motor that gives way under load: how its speed follows that is read otherwise (`droop`)."""
     if dataset.tool.kind in LEVEL_KINDS:
         return dataset
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
     if not cuts:
         return dataset
-    # a motor may give way by far more than a trial alone is searched for
-    speeds = iter(spindle_speeds(cuts, dataset.tool, dataset.sensor.anti_alias))
+    speeds = spindle_speeds(cuts, dataset.tool, dataset.sensor.anti_alias)
+    if any(speed < (1.0 - SPREAD) * stated_speed(trial) for speed, trial in zip(speeds, cuts, strict=True)):
+        return dataset
+    rest = iter(speeds)
     trials = [
-        _heard(trial, dataset.tool.teeth, float(next(speeds))) if trial.kind == "cut" else trial
+        _heard(trial, dataset.tool.teeth, float(next(rest))) if trial.kind == "cut" else trial
         for trial in dataset.trials
     ]
     return replace(dataset, trials=tuple(trials))
