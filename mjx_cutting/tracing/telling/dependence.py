@@ -8,7 +8,7 @@ with permutations, because trials, not samples, are the independent units; by th
 come and go, as a slow curve. A factor that goes with none of them is the trial's own, and lines at tooth
 passing and ties between axes are looked for without it. A factor that all trials share at the same place is
 told from one that changes with time. `share` is the part of the residual's energy that goes with the
-covariate.
+covariate; each trial's mean counts only across trials.
 """
 
 from __future__ import annotations
@@ -122,24 +122,25 @@ def dependences(
     if levels and orders:
         turns = _OF_TURNS.format(_times_a_turn(split, orders))
         periodic = [replace(each, look_for=turns) for each in periodic]
-    whole, part, force = (
-        max(energy(each), 1e-300)
-        for each in (
-            [p.residual_n for p in predictions],
-            [p.residual_n for p in shaped],
-            [p.measured_n for p in predictions],
-        )
-    )
     moves = None if levels else momentary(predictions, band)
-    found = [*periodic, _memory(split, band)]
-    found = [replace(each, share=part / whole * each.share) for each in found]
     tied = shaped if moves is None else own_factors(moves.without).without
-    axes, rest = _axes(tied, band), energy([each.residual_n for each in tied])
+    axes = _axes(tied, band)
     if levels and _as_the_force(tied) > _MOST_OF_IT:
         axes = replace(axes, look_for=_AS_THE_FORCE)
-    found.append(replace(axes, share=rest / whole * axes.share))
-    found.append(_slow(predictions, band) if moves is None else _moving(moves, predictions, band))
-    found.append(_place(dataset, predictions, band))
+    along = _slow(predictions, band) if moves is None else _moving(moves, predictions, band)
+    whole, force = (
+        max(energy(each), 1e-300)
+        for each in ([p.residual_n for p in predictions], [p.measured_n for p in predictions])
+    )
+    found = [
+        replace(each, share=energy(_centred(seen)) / whole * each.share)
+        for tests, seen in (
+            ([*periodic, _memory(split, band)], shaped),
+            ([axes], tied),
+            ([along, _place(dataset, predictions, band)], predictions),
+        )
+        for each in tests
+    ]
     across = _across(dataset, predictions, own)
     found += [*across, _own(own, predictions, band, across)]
     told = [replace(each, of_force=float(np.sqrt(each.share * whole / force))) for each in found]
@@ -148,6 +149,11 @@ def dependences(
 
 def _entry(covariate: str, p_value: float, share: float) -> Dependence:
     return Dependence(covariate, float(p_value), float(np.clip(share, 0.0, 1.0)), 0.0, _LOOK_FOR[covariate])
+
+
+def _centred(predictions: Sequence[Prediction]) -> list[Array]:
+    """[T, 3] of each trial: what is left beside its mean."""
+    return [each.residual_n - each.residual_n.mean(axis=0) for each in predictions]
 
 
 def _independent_share(dataset: Dataset, predictions: Sequence[Prediction]) -> float:
@@ -219,8 +225,7 @@ def _times_a_turn(split: Sequence[_Split], orders: int) -> str:
 def _slow(predictions: Sequence[Prediction], band: float) -> Dependence:
     """A slow curve along each trial: the mean and the size of the residual against time."""
     line, whole, between, freedom, count = 0.0, 0.0, 0.0, 0.0, 0
-    for each in predictions:
-        left = each.residual_n - each.residual_n.mean(axis=0)
+    for each, left in zip(predictions, _centred(predictions), strict=True):
         u = 2.0 * (each.time_s - each.time_s[0]) / (each.time_s[-1] - each.time_s[0]) - 1.0
         columns = np.polynomial.chebyshev.chebvander(u, _SLOW_TERMS)[:, 1:]
         weights, *_ = np.linalg.lstsq(columns, left, rcond=None)
@@ -247,8 +252,8 @@ def _place(dataset: Dataset, predictions: Sequence[Prediction], band: float) -> 
     trials = {trial.file: trial for trial in dataset.trials}
     places = [along_path(trials[each.file]) for each in predictions]
     times = [each.time_s - each.time_s[0] for each in predictions]
-    left = [each.residual_n - each.residual_n.mean(axis=0) for each in predictions]
-    whole = sum(float(np.sum(each**2)) for each in left)
+    left = _centred(predictions)
+    whole = energy(left)
     common, own = _factor_along(places, predictions, left)
     in_time, _ = _factor_along(times, predictions, left)
     freedom = sum(3 * max(band * len(each) - _SLOW_TERMS, 1.0) for each in left)
@@ -304,7 +309,7 @@ def _of_white_noise(record: Array, lag: int) -> float:
 
 def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
     """Largest correlation between the residuals of two axes."""
-    left = np.concatenate([each.residual_n - each.residual_n.mean(axis=0) for each in predictions])
+    left = np.concatenate(_centred(predictions))
     scale = np.sqrt(np.maximum(np.sum(left**2, axis=0), 1e-300))
     correlation = (left.T @ left) / np.outer(scale, scale)
     strongest = float(np.max(np.abs(correlation - np.diag(np.diag(correlation)))))
@@ -315,8 +320,7 @@ def _axes(predictions: Sequence[Prediction], band: float) -> Dependence:
 def _as_the_force(predictions: Sequence[Prediction]) -> float:
     """Share of what is left, beside each trial's mean, that every axis has as the trial's predicted force."""
     along, whole = 0.0, 0.0
-    for each in predictions:
-        left = each.residual_n - each.residual_n.mean(axis=0)
+    for each, left in zip(predictions, _centred(predictions), strict=True):
         force = (each.predicted_n - each.bias_n).mean(axis=0)
         along += float(np.sum((left @ force) ** 2)) / max(float(force @ force), 1e-300)
         whole += float(np.sum(left**2))

@@ -65,7 +65,7 @@ def verdict(
     end = final(found, slow)
     floor = max(floor_nrmse, grown or 0.0)
     judged = judged or Judged(found.base.nrmse, end.nrmse, floor, noise=floor)
-    least, quiet = (reached(each, found.problem.tolerance) for each in (judged.floor, judged.noise))
+    tolerance, levels = found.problem.tolerance, dataset.tool.kind in LEVEL_KINDS
     if judged.own_zero:
         before, after = ([each for each in some if each.covariate != "trial"] for some in (before, after))
     accepted = [each for each in found.rounds if each.accepted is not None]
@@ -80,22 +80,11 @@ def verdict(
     for one in slow:
         if one.accepted:
             _add(named, _effect(one, one.accepted.decision.parameters, evidence))
-    error = less_scatter(judged.after, after)
-    most = max(least, _of_levels(quiet)) if dataset.tool.kind in LEVEL_KINDS else least
-    if judged.unlike is not None:
-        # one chip larger than the next is so on all axes
-        after = [each for each in after if not (each.covariate == "another axis" and each.of_force <= least)]
-    left = _left(after, error, judged.floor, least, most)
+    shown = _shown(before, dataset, judged.before, judged.noise, reached(judged.noise, tolerance))
+    error, most, left = _remains(after, judged, tolerance, levels, nameless=shown and not named)
     return {
         "format": FORMAT,
-        "verdict": _word(
-            error,
-            most,
-            bool(named),
-            bool(ambiguous),
-            _shown(before, dataset, judged.before, judged.noise, quiet),
-            left,
-        ),
+        "verdict": _word(error, most, bool(named), bool(ambiguous), shown, left),
         "before": _errors(found.base, lines),
         "after": _errors(end, lines),
         "noise_floor_nrmse": floor,
@@ -203,6 +192,22 @@ def _of_levels(least: float) -> float:
     """The error up to which levels may scatter where noise and calculation leave `least`: three times that,
     or twice what two cuts of one sheet may differ by, where samples are noisy, which a level need not be."""
     return min(_CLEARLY_OF_LEVELS * least, float(np.hypot(least, _MUCH_SCATTER)))
+
+
+def _remains(
+    after: Sequence[Dependence], judged: Judged, tolerance: float, levels: bool, nameless: bool
+) -> tuple[float, float, list[Dependence]]:
+    """The error of the final model less scatter, up to which one it explains all, and what its residual
+    depends on. Where something is there that nothing named explains, `nameless`, that is told by the sensor's
+    noise, as what asks for a name is; what a name leaves, by that of chips not alike as well."""
+    noise = judged.noise if nameless else judged.floor
+    least, quiet = reached(noise, tolerance), reached(judged.noise, tolerance)
+    most = max(least, _of_levels(quiet)) if levels else least
+    error = less_scatter(judged.after, after)
+    if judged.unlike is not None:
+        # one chip larger than the next is so on all axes
+        after = [each for each in after if not (each.covariate == "another axis" and each.of_force <= least)]
+    return error, most, _left(after, error, noise, least, most)
 
 
 def _left(

@@ -89,6 +89,32 @@ def test_a_level_that_goes_with_the_feed_is_told(dataset):
     assert "feed" in _found(dataset, level)
 
 
+@pytest.mark.parametrize(
+    ("covariate", "added"),
+    [
+        ("time in trial", lambda t, a, i: 3 * t / t[-1]),
+        ("spindle order", lambda t, a, i: np.cos(a + i)),
+        ("another axis", lambda t, a, i: 2 * _coloured(i, len(t))),
+    ],
+)  # fmt: skip
+def test_what_levels_leave_is_no_share_of_what_goes_on_within_a_trial(dataset, covariate, added):
+    """Levels of ten times the noise or more hold nearly all of what is left; what is told of the rest stays,
+    as a share of the force."""
+    levels = 10.0 * np.random.default_rng(7).choice([-2.0, -1.0, 1.0, 2.0], len(dataset.trials))
+
+    def told(times):
+        def more(time, angle, index):
+            level = times * levels[index] * np.array([1.0, -1.0, 1.0])
+            return level + np.asarray(added(time, angle, index)).reshape(len(time), -1)
+
+        tests = dependences(dataset, _left(dataset, more), 4, 12)
+        return next(each for each in tests if each.covariate == covariate)
+
+    beside, alone = told(1.0), told(0.0)
+    assert beside.share < 0.1 < alone.share
+    assert beside.of_force == pytest.approx(alone.of_force, rel=0.05)
+
+
 def test_a_tie_between_axes_is_told(dataset):
     generator = np.random.default_rng(5)
 

@@ -12,6 +12,7 @@ from benchmarks.study import make
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.telling import verdict as told
 from mjx_cutting.tracing.telling.dependence import Dependence
+from mjx_cutting.tracing.telling.judged import Judged
 
 DRILL, MILL = (SimpleNamespace(tool=SimpleNamespace(kind=kind)) for kind in ("drill", "end_mill"))
 
@@ -57,6 +58,15 @@ def test_the_colour_of_noise_is_nothing_left_of_a_model_that_leaves_no_more():
     assert told._left([memory, feed], error=0.020, floor=0.010, least=0.011, most=0.011) == [memory, feed]
     # levels scatter beyond the noise
     assert told._left([memory, feed], error=0.020, floor=0.010, least=0.011, most=0.033) == [feed]
+
+
+@pytest.mark.parametrize(("nameless", "told_left"), [(True, ["spindle order"]), (False, [])])
+def test_what_asks_for_a_name_is_told_though_chips_that_are_not_alike_would_hide_it(nameless, told_left):
+    """Noise is .004 of the force, with chips .015: lines of .006 are beyond the one, not the other."""
+    judged = Judged(0.016, 0.016, 0.015, unlike=0.015, noise=0.004)
+    lines = Dependence("spindle order", 1e-9, 0.14, 0.006, "runout")
+    _, _, left = told._remains([lines], judged, 1e-4, levels=False, nameless=nameless)
+    assert [each.covariate for each in left] == told_left
 
 
 @pytest.mark.parametrize(("factor", "word"), [(0.015, "explained"), (0.04, "partly explained")])
