@@ -34,6 +34,7 @@ from mjx_cutting.tracing.telling.axes import (
     reading_with_an_effect,
 )
 from mjx_cutting.tracing.telling.dependence import Dependence, dependences
+from mjx_cutting.tracing.telling.heard_speeds import heard_speeds
 from mjx_cutting.tracing.telling.isolability import isolability
 from mjx_cutting.tracing.telling.own_factor import followed
 from mjx_cutting.tracing.telling.own_teeth import own_teeth
@@ -185,7 +186,8 @@ def _trace(
         if own is not None:
             after = dependences(found.dataset, own.without, teeth, orders)
             before = before if found.kinds else after
-        return told(found, (before, after), zeros, (part, columns, level), own)
+        heard = heard_speeds(turned, found.dataset)
+        return told(found, (before, after), zeros, (part, columns, level, heard), own)
 
 
 def _by_chance(found: Pass, before: Sequence[Dependence]) -> bool:

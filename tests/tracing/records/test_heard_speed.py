@@ -99,6 +99,9 @@ def test_what_is_missing_is_found_though_the_spindle_wanders(mill):
     assert [each["name"] for each in found.verdict["effects"]] == ["radial_runout"]
     assert found.verdict["verdict"] == evenly.verdict["verdict"] == "explained"
     assert found.final.nrmse < 1.2 * evenly.final.nrmse
+    (told,) = (each for each in found.caveats if "wanders within the record" in each)
+    assert told in found.verdict["remaining"]["description"]
+    assert not any("wanders within the record" in each for each in evenly.caveats)
     again = predict_trials(_all_wandering(dataset), found.model)
     for one, other in zip(found.after, again, strict=True):
         assert np.sqrt(np.mean((one.predicted_n - other.predicted_n) ** 2)) < 0.01 * np.std(one.measured_n)
