@@ -174,14 +174,16 @@ def test_clogging_takes_its_share_of_the_edge_along(edge_share):
     np.testing.assert_allclose(force_of(model(1, clogging), here), expected, rtol=1e-9)
 
 
-def test_a_drill_clogs_with_the_depth_of_the_hole():
-    """Two teeth at 20 rev/s fed 4 mm/s cut 1e-4 m each a turn: 1e-6 m^2 of chip in 10 mm."""
+@pytest.mark.parametrize(("feed_m_s", "power", "full_m"), [(4e-3, 0.4, 10e-3), (1e-3, 0.5, 20e-3)])
+def test_a_drill_clogs_with_the_depth_of_the_hole(feed_m_s, power, full_m):
+    """Two teeth at 20 rev/s fed 4 mm/s cut 1e-4 m each a turn: 1e-6 m^2 of chip in 10 mm. At a quarter of the
+    feed, in proportion to its root, the flutes are full at twice the depth."""
     tool, steel = Tool("drill", 2, 0.008, 0.5), Material(1.5e9, 3e4, 1e9, 2e4, 8e8, 3e4)
     bare = ForceModel(tool, steel)
-    full = bare.with_effects(effect_class("clogging")(0.5, 1e-6, 1.0))
-    depth = np.array([0.0, 5e-3, 10e-3, 15e-3, 20e-3])
-    hole = Cut(0.3, 20.0, 4e-3, 4e-3, 4e-3, 0.0, 2.0 * np.pi, position_m=depth)
-    expected = 1.0 + 0.5 * np.maximum(depth / 10e-3 - 1.0, 0.0)
+    full = bare.with_effects(effect_class("clogging")(0.5, 1e-6, 1.0, power))
+    depth = full_m * np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+    hole = Cut(0.3, 20.0, feed_m_s, 4e-3, 4e-3, 0.0, 2.0 * np.pi, position_m=depth)
+    expected = 1.0 + 0.5 * np.maximum(depth / full_m - 1.0, 0.0)
     clogged, empty = (np.asarray(each.process_force(hole)[..., 2]) for each in (full, bare))
     np.testing.assert_allclose(clogged / empty, expected, rtol=1e-9)
     np.testing.assert_allclose(np.asarray(full.torque_z(hole) / bare.torque_z(hole)), expected, rtol=1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -28,8 +29,9 @@ def _times(dataset: Dataset, factor: Callable[[Trial], np.ndarray]) -> Dataset:
     return replace(dataset, trials=tuple(trials))
 
 
-def _clogged(trial: Trial) -> np.ndarray:
-    area = trial.feed_speed_m_s / (2.0 * trial.spindle_speed_rev_s) * trial.feed_speed_m_s * trial.time_s
+def _clogged(trial: Trial, power: float = 1.0) -> np.ndarray:
+    chip_m = trial.feed_speed_m_s / (2.0 * trial.spindle_speed_rev_s)
+    area = 1e-4 * (chip_m / 1e-4) ** power * trial.feed_speed_m_s * trial.time_s
     return 1.0 + GAIN * np.maximum(area / CAPACITY_M2 - 1.0, 0.0)
 
 
@@ -46,10 +48,20 @@ def test_flutes_that_fill_are_named_with_what_they_hold(clogged):
     assert told["gain"]["low"] < GAIN < told["gain"]["high"]
     assert told["gain"]["value"] == pytest.approx(GAIN, rel=0.1)
     assert told["capacity_m2"]["value"] == pytest.approx(CAPACITY_M2, rel=0.05)
+    assert told["thickness_power"]["value"] == pytest.approx(1.0, abs=0.05)
     assert verdict["after"]["heldout_nrmse"] < 0.2 * verdict["before"]["heldout_nrmse"]
     again = predict_trials(clogged, found.model)
     left = np.sqrt(sum(np.sum(each.residual_n**2) for each in again))
     assert left < 0.2 * np.sqrt(sum(np.sum(each.residual_n**2) for each in found.before))
+
+
+def test_chips_that_lie_more_loosely_the_thinner_they_are_are_told(hiding):
+    found = trace(_times(hiding({}, design="drill"), partial(_clogged, power=0.5)), effects=TRIED)
+    assert [each["name"] for each in found.verdict["effects"]] == ["clogging"]
+    told = found.verdict["effects"][0]["parameters"]
+    assert told["thickness_power"]["value"] == pytest.approx(0.5, abs=0.05)
+    assert told["gain"]["value"] == pytest.approx(GAIN, rel=0.1)
+    assert found.verdict["after"]["heldout_nrmse"] < 0.2 * found.verdict["before"]["heldout_nrmse"]
 
 
 @pytest.mark.parametrize(
