@@ -14,6 +14,7 @@ import numpy as np
 
 from mjx_cutting._report.quantities import number
 from mjx_cutting._report.style import AFTER, BEFORE, FLOOR, MEASURED, legend_above, new_figure, style_axes
+from mjx_cutting.tracing.records.comb import folded_hz
 from mjx_cutting.tracing.report.figures.subject import (
     AXES,
     Array,
@@ -158,7 +159,7 @@ def _mark_tooth_passing(
     if not direct:
         speeds = np.array([each.before.speed_rev_s for each in used])
         speeds = speeds[teeth * speeds > 0.5 * rate]
-        folds = np.abs(teeth * speeds - rate * np.round(teeth * speeds / rate)) / speeds
+        folds = folded_hz(teeth * speeds, rate) / speeds
         seen = [fold for fold in np.unique(np.round(folds, 1)) if order[0] <= fold <= order[-1]]
         direct = [(float(fold), "tooth passing, folded") for fold in seen[:_FOLDS_MARKED]]
     for index, (at, label) in enumerate(direct):
