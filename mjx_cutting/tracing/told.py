@@ -22,7 +22,7 @@ from mjx_cutting.tracing.telling.judged import Judged, in_shares, judged
 from mjx_cutting.tracing.telling.own_constants import own_constants
 from mjx_cutting.tracing.telling.own_teeth import OwnTeeth
 from mjx_cutting.tracing.telling.unlike_chips import unlike_chips
-from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_gain
+from mjx_cutting.tracing.telling.unnamed import Unnamed, unnamed_factor
 from mjx_cutting.tracing.telling.verdict import verdict
 from mjx_cutting.tracing.telling.zero_in_air import zero_in_air
 
@@ -91,7 +91,7 @@ def told(
         grown,
         by,
     )
-    unnamed = None if found.along else unnamed_gain(found.search, found.lines, depends_after)
+    unnamed = None if found.along else unnamed_factor(found.search, found.lines, depends_after)
     if unnamed is not None:
         found = replace(found, model=for_use(found.dataset, unnamed.model))
     limits = (

@@ -33,6 +33,7 @@ from mjx_cutting.cutting.effects.tooth_path import ToothPath
 from mjx_cutting.cutting.effects.torque_ripple import TorqueRipple
 from mjx_cutting.cutting.effects.unbalance import Unbalance
 from mjx_cutting.cutting.effects.unequal_pitch import UnequalPitch
+from mjx_cutting.cutting.effects.unnamed_arc import UnnamedArc
 from mjx_cutting.cutting.effects.unnamed_gain import UnnamedGain
 
 __all__ = [
@@ -71,6 +72,7 @@ __all__ = [
     "TorqueRipple",
     "Unbalance",
     "UnequalPitch",
+    "UnnamedArc",
     "UnnamedGain",
     "effect_class",
     "effect_names",

@@ -10,10 +10,12 @@ import pytest
 
 from benchmarks.study import make
 from mjx_cutting.cutting import Cut, ForceModel, Material, Tool
+from mjx_cutting.cutting.effects.unnamed_arc import along_arc
 from mjx_cutting.cutting.effects.unnamed_gain import CONDITIONS, UnnamedGain
 from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.predicted import predict_trials
 from mjx_cutting.tracing.trace import save
+from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 
 
 def over(condition: str, knots: tuple[float, ...], gain: tuple[float, ...]) -> UnnamedGain:
@@ -66,6 +68,65 @@ def test_a_law_nobody_modelled_is_fitted_and_left_unnamed(cause, conditions, tmp
     left, bare = (predict_trials(case.dataset, each) for each in (model, found.base_model))
     error, without = (sum(float(np.sum(p.residual_n**2)) for p in each) for each in (left, bare))
     assert error < 0.1 * without
+
+
+def _rolled(angle: np.ndarray) -> np.ndarray:
+    """Strength of a sheet that is a fifth stronger along its grain, at 40 degrees, than on the mean."""
+    return 1.0 + 0.2 * np.cos(2.0 * (angle - np.deg2rad(40.0)))
+
+
+def _session_on(strength) -> Dataset:
+    """Cuts of a mill of two straight teeth, whose force at every angle is so much times the chip's."""
+    trials, rate_hz, noise_n = [], 4000.0, 0.3
+    plan = [("slot", 0.008, 40), ("slot", 0.008, 90), ("slot", 0.008, 140)]
+    plan += [("climb", 0.003, 80), ("conventional", 0.003, 80), ("conventional", 0.003, 130)]
+    for seed, (milling, depth_m, chip_um) in enumerate(plan):
+        rng, time = np.random.default_rng(seed), np.arange(2400) / rate_hz
+        wide = np.arccos(1.0 - depth_m / 0.004)
+        begin, end = (np.pi - wide, np.pi) if milling == "climb" else (0.0, wide)
+        angle = rng.uniform(0.0, 6.0) + 2.0 * np.pi * 50.37 * time
+        force = noise_n * rng.normal(size=(2400, 3))
+        for tooth in range(2):
+            own = (angle - np.pi * tooth) % (2.0 * np.pi)
+            chip = (begin < own) * (own < end) * 0.002 * chip_um * 1e-6 * np.sin(own) * strength(own)
+            t, r = 8e8 * chip, 2.5e8 * chip
+            sine, cosine = np.sin(own), np.cos(own)
+            force += np.stack([-t * cosine - r * sine, t * sine - r * cosine, -0.1 * t], axis=1)
+        trials.append(
+            Trial(
+                file=f"t{seed}.csv",
+                kind="cut",
+                time_s=time,
+                force_n=force,
+                spindle_speed_rev_s=50.37,
+                feed_speed_m_s=chip_um * 1e-6 * 2.0 * 50.37,
+                radial_depth_m=depth_m,
+                axial_width_m=0.002,
+                milling=milling,
+            )
+        )
+    tool, sensor = ToolInfo("end_mill", 2, 0.008), Sensor(rate_hz, (noise_n,) * 3)
+    return Dataset(name="rolled", tool=tool, sensor=sensor, trials=tuple(trials))
+
+
+def test_a_force_that_goes_with_the_angle_of_the_edge_is_fitted_and_left_unnamed(tmp_path):
+    session = _session_on(_rolled)
+    found = trace(session, effects=())
+    assert found.verdict["verdict"] == "unexplained" and found.verdict["effects"] == []
+    assert found.unnamed is not None and found.unnamed.over == ("tooth phase",)
+    assert found.unnamed.after.nrmse < 0.25 * found.unnamed.before.nrmse
+    save(found, tmp_path)
+    model = ForceModel.from_dict(json.loads((tmp_path / "model.json").read_text()))
+    (arc,) = model.effects
+    angle = np.linspace(0.4, np.pi - 0.4, 30)
+    factor = np.asarray(along_arc(arc.gain, angle))[:, 0]
+    np.testing.assert_allclose(factor / factor.mean(), _rolled(angle) / _rolled(angle).mean(), atol=0.05)
+    assert "along the arc the tangential force" in found.verdict["remaining"]["description"]
+
+
+def test_of_a_sheet_alike_in_every_direction_no_arc_is_fitted():
+    found = trace(_session_on(np.ones_like), effects=())
+    assert found.verdict["verdict"] == "nothing missing" and found.unnamed is None
 
 
 def test_nothing_unnamed_is_added_where_a_name_explains_it():
