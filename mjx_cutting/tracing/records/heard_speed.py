@@ -40,6 +40,8 @@ _LEAST = 3e-3
 _AGREE = 0.95
 _STILL = 0.9
 _ONLY_PHASE = 10.0
+_PITCHES = 6
+_SAMPLES = 4.0
 Array = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 
@@ -47,7 +49,8 @@ Complex = NDArray[np.complexfloating]
 def as_heard(dataset: Dataset) -> Dataset:
     """The data set, its cuts with the speed that the force says they turned at, where it surely changes
     within the record and was not measured, or not seen to change. Its mean stays what was stated. Nothing is
-    heard of a motor that gives way under load: how its speed follows that is read otherwise (`droop`)."""
+    heard of a motor that gives way under load: how its speed follows that is read otherwise (`droop`); nor,
+    where no filter is known, what samples that drift along sharp edges would look like."""
     if dataset.tool.kind in LEVEL_KINDS:
         return dataset
     cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
@@ -56,22 +59,35 @@ def as_heard(dataset: Dataset) -> Dataset:
     speeds = spindle_speeds(cuts, dataset.tool, dataset.sensor.anti_alias)
     if any(speed < (1.0 - SPREAD) * stated_speed(trial) for speed, trial in zip(speeds, cuts, strict=True)):
         return dataset
-    rest = iter(speeds)
+    rest, sharp = iter(speeds), dataset.sensor.anti_alias is None
     trials = [
-        _heard(trial, dataset.tool.teeth, float(next(rest))) if trial.kind == "cut" else trial
+        _heard(trial, dataset.tool.teeth, float(next(rest)), sharp) if trial.kind == "cut" else trial
         for trial in dataset.trials
     ]
     return replace(dataset, trials=tuple(trials))
 
 
-def _heard(trial: Trial, teeth: int, speed_rev_s: float) -> Trial:
+def _heard(trial: Trial, teeth: int, speed_rev_s: float, sharp: bool) -> Trial:
     if trial.spindle_angle_rad is not None or even_time(trial) is not None:
         return trial
     change = speed_change(trial, teeth, speed_rev_s)
-    if change is None:
+    if change is None or (sharp and _of_the_samples(change, trial, teeth, speed_rev_s)):
         return trial
     heard = np.asarray(stated_speed(trial) * (1.0 + change), dtype=np.float64)
     return replace(trial, spindle_speed_measured_rev_s=heard)
+
+
+def _of_the_samples(change: Array, trial: Trial, teeth: int, speed_rev_s: float) -> bool:
+    """Whether a change of speed [T] may be how samples go along sharp edges, which are met by the sample
+    before them or by the one behind. Where q pitches last nearly a whole number of samples, the samples drift
+    slowly along the edges, which seem to come sooner or later by the q-th part of one and somewhat more."""
+    time = from_start(trial)
+    rate_hz, passing_hz = (len(time) - 1) / time[-1], teeth * speed_rev_s
+    ahead_s = np.cumsum(change) / rate_hz
+    pitches = np.arange(1, _PITCHES + 1)
+    drift = pitches * rate_hz / passing_hz
+    swings = np.abs(drift - np.round(drift)) * passing_hz * time[-1]
+    return bool(np.any((swings < 0.5 * _MOST) & (np.ptp(ahead_s) < _SAMPLES / (pitches * rate_hz))))
 
 
 def speed_change(trial: Trial, teeth: int, speed_rev_s: float) -> Array | None:

@@ -12,7 +12,7 @@ from mjx_cutting.tracing import trace
 from mjx_cutting.tracing.along.predicted import predict_trials
 from mjx_cutting.tracing.records.heard_speed import as_heard, speed_change
 from mjx_cutting.tracing.records.spindle import spindle_angle, spindle_speed
-from mjx_cutting.trials.dataset import Dataset, Trial
+from mjx_cutting.trials.dataset import Dataset, Sensor, ToolInfo, Trial
 from mjx_cutting.trials.synthetic import Hidden
 
 WANDERS = 2e-3
@@ -72,6 +72,23 @@ def test_a_line_that_moves_alone_is_not_the_spindle(mill):
     moved = np.sin(passing + 1.5 * np.sin(np.linspace(0.0, 5.0, len(passing)))) - np.sin(passing)
     alone = replace(trial, force_n=trial.force_n + 0.5 * trial.force_n.std(axis=0) * moved[:, None])
     assert as_heard(replace(dataset, trials=(alone,))).trials == (alone,)
+
+
+@pytest.mark.parametrize("speed", [50.0, 50.02, 50.08, 53.3])
+def test_samples_that_drift_along_sharp_edges_are_no_speed(mill, speed: float):
+    """Two straight teeth that leave at once, nearly 40 samples apart, as a sensor without a filter has them:
+    of 53.3 rev/s the phases alone would say that the speed swings."""
+    rate_hz = 4000.0
+    time = np.arange(2400) / rate_hz
+    own = (2.0 * np.pi * speed * time + 0.3) % np.pi
+    chip = (own < 1.32) * np.sin(own)
+    force = 60.0 * np.stack([-np.cos(own) * chip, np.sin(own) * chip, -0.1 * chip], axis=1)
+    force += 0.3 * np.random.default_rng(0).normal(size=force.shape)
+    trial = replace(mill().trials[0], time_s=time, force_n=force, spindle_speed_rev_s=speed)
+    session = replace(
+        mill(), tool=ToolInfo("end_mill", 2, 0.008), sensor=Sensor(rate_hz, None), trials=(trial,)
+    )
+    assert as_heard(session).trials == (trial,)
 
 
 def test_a_measured_angle_is_believed(mill):
