@@ -24,7 +24,7 @@ from mjx_cutting import _platform
 from mjx_cutting.cutting import AbstractEffect, Cut, ForceModel, Material, Tool
 from mjx_cutting.tracing.fitting.believed_speeds import lines_as_it_turned
 from mjx_cutting.tracing.fitting.fit import fit_base
-from mjx_cutting.tracing.fitting.prediction import Prediction, predictions
+from mjx_cutting.tracing.fitting.prediction import Prediction, energy, predictions
 from mjx_cutting.tracing.fitting.problem import CONSTANTS, Problem, pose, shared_bias
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.line_gain import helix_gain
@@ -36,6 +36,7 @@ _PLACES = 1 << 17
 _PLACES_A_TURN = 1 << 18
 _AT_ONCE = 1 << 13
 _LESS = 0.9
+_BETWEEN = 0.5
 _TURN_RAD = np.linspace(-0.004, 0.004, 17)
 _STRETCH_RAD = np.linspace(-0.02, 0.02, 81)
 _CLOSER_RAD = (2e-4, 1e-4, 4e-5, 2e-5, 1e-5)
@@ -81,7 +82,8 @@ def _less_edges(
     dataset: Dataset, lines: Lines, problem: Problem, model: ForceModel, bias_n: ArrayLike
 ) -> Dataset | None:
     """The trials less the edges of a model's teeth; None where that does not leave a tenth less between the
-    lines than there was."""
+    lines than there was, or in all where edges fold onto lines, as they do in a record of nearly so many
+    samples a turn."""
     shown = predictions(dataset, lines, problem, model, bias_n)
     # teeth that are all alike repeat at every pitch
     a_turn = 1 if model.effects else problem.tool.teeth
@@ -90,10 +92,21 @@ def _less_edges(
         return _beyond(problem, model, trial, lines.orders, a_turn)
 
     wide_s = _width_s(beyond, a_turn, shown, dataset.sensor.sample_rate_hz)
-    edges = (_Edges(beyond(index), a_turn, each, wide_s).best() for index, each in enumerate(shown))
+    edges = [_Edges(beyond(index), a_turn, each, wide_s).best() for index, each in enumerate(shown)]
     cleared = without_force(dataset, edges)
-    rest = compress(cleared, lines.band_hz, about_rev_s=lines.speed_rev_s, like=lines).rest_n2
-    return cleared if rest.sum() < _LESS * lines.rest_n2.sum() else None
+
+    def between_lines(trials: Dataset) -> float:
+        there = compress(trials, lines.band_hz, about_rev_s=lines.speed_rev_s, like=lines)
+        return float(there.rest_n2.sum())
+
+    if between_lines(cleared) < _LESS * lines.rest_n2.sum():
+        return cleared
+    cuts = [trial for trial in dataset.trials if trial.kind == "cut"]
+    alone = without_force(dataset, [cut.force_n - each for cut, each in zip(cuts, edges, strict=True)])
+    if between_lines(alone) > _BETWEEN * energy(edges):
+        return None
+    left = [each.residual_n - edge for each, edge in zip(shown, edges, strict=True)]
+    return cleared if energy(left) < _LESS * energy([each.residual_n for each in shown]) else None
 
 
 def _width_s(
