@@ -19,12 +19,7 @@ def heard_speeds(records: Dataset, traced: Dataset) -> str | None:
     wanders = {}
     for trial in traced.trials:
         speed = trial.spindle_speed_measured_rev_s
-        if (
-            trial.kind == "cut"
-            and trial.file in unseen
-            and speed is not None
-            and even_time(trial) is not None
-        ):
+        if trial.file in unseen and speed is not None and even_time(trial) is not None:
             wanders[trial.file] = float(np.max(np.abs(speed / np.mean(speed) - 1.0)))
     if not wanders:
         return None

@@ -56,7 +56,7 @@ class Unnamed:
 
 
 def unnamed_factor(search: Search, lines: Lines, left: Sequence[Dependence]) -> Unnamed | None:
-    """The factors over what is left depends on; None where there is none or it does little (call it in
+    """The factors over what the residual depends on; None where there is none or it does little (call it in
     float64).
 
     Arguments: the outcome of the search over steady effects; the lines it was made on; the tests of what its
@@ -64,9 +64,9 @@ def unnamed_factor(search: Search, lines: Lines, left: Sequence[Dependence]) -> 
     """
     problem, fold = search.problem, search.final.fold
     told = [each.covariate for each in left if each.found]
-    tried: list[tuple[tuple[str, ...], type[AbstractEffect]]] = (
-        [((_ARC,), UnnamedArc)] if _ARC in told else []
-    )
+    tried: list[tuple[tuple[str, ...], type[AbstractEffect]]] = []
+    if _ARC in told:
+        tried.append(((_ARC,), UnnamedArc))
     if over := _conditions(told, problem.trials):
         tried.append((over, _over(problem, over)))
     if not tried:
@@ -112,7 +112,8 @@ def _along(problem: Problem, model: ForceModel) -> str:
         for each, angle in zip(factor / np.mean(factor), angles, strict=True)
     )
     return (
-        f"; along the arc the tangential force is off its mean by {told} degrees from the normal to the feed"
+        f"; along the arc the tangential force is off its mean by {told} degrees from the normal to the "
+        "feed, as of a sheet whose strength goes with the direction of cutting"
     )
 
 
