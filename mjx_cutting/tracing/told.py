@@ -15,6 +15,7 @@ from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.noise import noise_in_shares
 from mjx_cutting.tracing.telling.above_band import above_band
 from mjx_cutting.tracing.telling.axes import Reading, better_reading
+from mjx_cutting.tracing.telling.comes_back import comes_back
 from mjx_cutting.tracing.telling.dependence import Dependence
 from mjx_cutting.tracing.telling.evidence import evidence
 from mjx_cutting.tracing.telling.growing_noise import growing_noise
@@ -100,6 +101,7 @@ def told(
         above_band(found.dataset, found.model, band),
         zero_in_air(found.dataset, found.model),
         by.zeros,
+        comes_back(found.dataset, found.after),
         *others,
     )
     grows = None if grown is None else f"what is left is noise that grows with the force: {grown:.1%} of it"

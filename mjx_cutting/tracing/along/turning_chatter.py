@@ -7,7 +7,8 @@ CIRP Annals 30 (1981) 299-304). How large it grows is the trial's own; so what i
 stretch of the record, over which its amplitude and phase are carried from those beside it.
 
 Named when three trials hold such a line of three hundredths of the force or more, near one frequency, off the
-spindle's multiples in most; when narrower cuts are free of it, or it moves with the speed by more than the
+spindle's multiples in most and off those of anything that comes back at a rate of its own (`own_rate`), which
+strikes and drives a mode; when narrower cuts are free of it, or it moves with the speed by more than the
 records resolve, though not in proportion to it; when it is not in air; and when the error of those trials,
 on the stretches not fitted, falls by a tenth.
 """
@@ -29,6 +30,7 @@ from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.naming.chance import gain_over_trials
 from mjx_cutting.tracing.naming.decision import Decision
 from mjx_cutting.tracing.naming.intervals import Interval
+from mjx_cutting.tracing.records.own_rate import Shown, own_rate
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _FEWEST = 3
@@ -177,6 +179,14 @@ def _reasons(
     away = np.abs(frequency / speed[shown] - np.round(frequency / speed[shown])) * speed[shown]
     if np.mean(away > finest) < 0.5:
         reasons.append("the lines stand at multiples of the spindle's frequency: forced, not self-excited")
+    strikes = own_rate(
+        [
+            Shown(each.time_s, each.residual_n, trial.spindle_speed_rev_s, trial.feed_speed_m_s)
+            for each, trial in zip(after, trials, strict=True)
+        ]
+    )
+    if strikes is not None and _multiples_of(strikes.lowest_hz[shown], frequency, finest):
+        reasons.append(f"the lines are multiples of one that comes back {strikes}: driven, not self-excited")
     free = np.array([each.share < _FREE * _LEAST_SHARE for each in lines]) & ~shown
     threshold = bool(free.any() and width[free].max() < _NARROWER * width[shown].min())
     moved = np.ptp(frequency) > finest.max()
@@ -192,6 +202,13 @@ def _reasons(
         if trial.kind == "air" and _in_air(trial, frequency):
             reasons.append(f"{trial.file}: the line is in air too")
     return reasons
+
+
+def _multiples_of(lowest_hz: Array, frequency: Array, finest: Array) -> bool:
+    """Whether most of the lines [R] stand at multiples of the lowest of their trials [R], 0 where none is."""
+    low = np.where(lowest_hz > 0.0, lowest_hz, np.inf)
+    away = np.abs(frequency - low * np.round(frequency / low))
+    return bool(np.mean((lowest_hz > 0.0) & (away < np.maximum(finest, _BAND * low))) > 0.5)
 
 
 def _in_air(trial: Trial, frequency: Array) -> bool:

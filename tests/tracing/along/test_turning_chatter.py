@@ -104,6 +104,18 @@ def test_a_line_at_a_multiple_of_the_spindle_is_forced():
     assert "multiples of the spindle" in _why(_find(lobed))
 
 
+def test_a_mode_that_a_bearing_strikes_in_wide_cuts_is_driven():
+    """A defect that comes by 4.37 times a turn shows at all multiples of that, most near the mode."""
+
+    def struck(speed, width, index):
+        lines = 4.37 * speed * np.arange(1, 9)
+        size = 4.0 + 40.0 * np.exp(-(((lines - 150.0) / 25.0) ** 2))
+        wave = np.cos(2.0 * np.pi * lines * TIME[:, None] + index * np.arange(8)) @ size
+        return (width >= WIDE) * wave
+
+    assert "multiples of one that comes back 4.366 times a turn" in _why(_find(struck))
+
+
 def test_a_line_that_is_in_air_too_is_not_of_the_cut():
     assert "in air too" in _why(_find(_chatter, air=20.0 * np.cos(2.0 * np.pi * 148.0 * TIME)))
 
