@@ -24,6 +24,7 @@ _FEWEST_MULTIPLES = 3
 _FEWEST_TRIALS = 3
 _MOST_OF_THEM = 0.6
 _AROUND = 40
+_ROUNDING = 1e-12
 _SAME = 0.015
 Array = NDArray[np.floating]
 
@@ -108,7 +109,7 @@ def _combs(trial: Shown) -> dict[float, int]:
     window = np.hanning(len(time))[:, None]
     power = np.abs(np.fft.rfft(left * window, axis=0)) ** 2
     noise = median_filter(power, size=(2 * _AROUND + 1, 1), mode="nearest")
-    over = np.mean(power / np.maximum(noise, 1e-300), axis=1)
+    over = np.mean(power / np.maximum(noise, _ROUNDING * power.max(axis=0)), axis=1)
     step_hz = (len(time) - 1) / (len(time) * time[-1])
     place = step_hz * np.arange(len(over))
     away = np.abs(place - trial.speed_rev_s * np.round(place / trial.speed_rev_s))
