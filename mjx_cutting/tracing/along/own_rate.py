@@ -2,19 +2,22 @@
 
 Such a thing has several multiples of one low frequency, the lowest among them. That frequency goes with the
 speed, where a bearing, a gear or a belt turns with the spindle; it stays, where a pump or a fan runs by
-itself; or it goes with the feed, where the sheet has a pattern. Which of these is told where what they differ
-in differs among the trials that show it. A vibration that keeps itself up has no such lowest line.
+itself; or it goes with the feed, where the sheet has a pattern. Which of these is told where speeds and feeds
+differ among the trials that show it; the speeds must. A vibration that keeps itself up has no such lowest
+line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+
+from mjx_cutting.tracing.fitting.prediction import Prediction
+from mjx_cutting.trials.dataset import Dataset
 
 _FAR_ABOVE = 20.0
 _RESOLVED = 2.0
@@ -27,15 +30,6 @@ _AROUND = 40
 _ROUNDING = 1e-12
 _SAME = 0.015
 Array = NDArray[np.floating]
-
-
-class Shown(NamedTuple):
-    """One trial: `time_s` [T] from 0, `left_n` [T, A] its residual, its speed and its feed."""
-
-    time_s: Array
-    left_n: Array
-    speed_rev_s: float
-    feed_m_s: float
 
 
 @dataclass(frozen=True)
@@ -60,13 +54,18 @@ class OwnRate:
         return " or ".join(told)
 
 
-def own_rate(trials: Sequence[Shown]) -> OwnRate | None:
-    """What comes back in most trials; None where in fewer than three, or at no rate that they share."""
-    heard = [_combs(each) for each in trials]
+def own_rate(dataset: Dataset, predicted: Sequence[Prediction]) -> OwnRate | None:
+    """What comes back in most trials of what a model leaves; None where in fewer than three, or at no rate
+    that they share.
+
+    Arguments: the trials, and what the model predicts of them, by the same files.
+    """
+    heard = [_combs(each) for each in predicted]
+    feed_m_s = {trial.file: trial.feed_speed_m_s for trial in dataset.trials}
     bases = {
-        "turn": np.array([each.speed_rev_s for each in trials]),
-        "second": np.ones(len(trials)),
-        "metre": np.array([each.feed_m_s for each in trials]),
+        "turn": np.array([each.speed_rev_s for each in predicted]),
+        "second": np.ones(len(predicted)),
+        "metre": np.array([feed_m_s[each.file] for each in predicted]),
     }
     found = [each for base in bases.values() if (each := _shared(heard, bases, base)) is not None]
     return max(found, key=lambda each: (np.count_nonzero(each.lowest_hz), each.multiples), default=None)
@@ -99,10 +98,10 @@ def _nearest(combs: dict[float, int], at_hz: float) -> float:
     return min(combs, key=lambda low: abs(low - at_hz), default=np.inf)
 
 
-def _combs(trial: Shown) -> dict[float, int]:
+def _combs(trial: Prediction) -> dict[float, int]:
     """Frequencies with multiples of their own far above the noise, and how many of these are heard."""
     time = trial.time_s
-    left = trial.left_n - trial.left_n.mean(axis=0)
+    left = trial.residual_n - trial.residual_n.mean(axis=0)
     left = left[:, np.ptp(left, axis=0) > 0.0]
     if not left.size:
         return {}

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import effect_class
+from mjx_cutting.tracing.along.own_rate import own_rate
 from mjx_cutting.tracing.along.selfexcited import NAME, SelfExcited
 from mjx_cutting.tracing.along.slow_round import SlowCandidate, SlowRound
 from mjx_cutting.tracing.along.vibration import FAR_ABOVE, RESOLVED
@@ -30,7 +31,6 @@ from mjx_cutting.tracing.fitting.prediction import Prediction
 from mjx_cutting.tracing.naming.chance import gain_over_trials
 from mjx_cutting.tracing.naming.decision import Decision
 from mjx_cutting.tracing.naming.intervals import Interval
-from mjx_cutting.tracing.records.own_rate import Shown, own_rate
 from mjx_cutting.trials.dataset import Dataset, Trial
 
 _FEWEST = 3
@@ -179,12 +179,7 @@ def _reasons(
     away = np.abs(frequency / speed[shown] - np.round(frequency / speed[shown])) * speed[shown]
     if np.mean(away > finest) < 0.5:
         reasons.append("the lines stand at multiples of the spindle's frequency: forced, not self-excited")
-    strikes = own_rate(
-        [
-            Shown(each.time_s, each.residual_n, trial.spindle_speed_rev_s, trial.feed_speed_m_s)
-            for each, trial in zip(after, trials, strict=True)
-        ]
-    )
+    strikes = own_rate(dataset, after)
     if strikes is not None and _multiples_of(strikes.lowest_hz[shown], frequency, finest):
         reasons.append(f"the lines are multiples of one that comes back {strikes}: driven, not self-excited")
     free = np.array([each.share < _FREE * _LEAST_SHARE for each in lines]) & ~shown

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mjx_cutting.tracing.along.own_rate import own_rate
 from mjx_cutting.tracing.fitting.prediction import Prediction
-from mjx_cutting.tracing.records.own_rate import Shown, own_rate
 from mjx_cutting.trials.dataset import Dataset
 
 _OF = {
@@ -20,9 +20,7 @@ def comes_back(dataset: Dataset, predicted: Sequence[Prediction]) -> str | None:
 
     Arguments: the trials, and what a model predicts of them, by the same files.
     """
-    feed = {trial.file: trial.feed_speed_m_s for trial in dataset.trials}
-    left = [Shown(each.time_s, each.residual_n, each.speed_rev_s, feed[each.file]) for each in predicted]
-    found = own_rate(left)
+    found = own_rate(dataset, predicted)
     if found is None:
         return None
     shown = [(each.file, low) for each, low in zip(predicted, found.lowest_hz, strict=True) if low]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from mjx_cutting.tracing.records.own_rate import Shown, own_rate
+from mjx_cutting.tracing.along.own_rate import OwnRate, own_rate
+from mjx_cutting.tracing.fitting.prediction import Prediction
 
 RATE_HZ, SECONDS = 2000.0, 2.0
 TIME = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
@@ -22,8 +25,17 @@ def _struck(at_hz: float, seed: int) -> np.ndarray:
     return 10.0 * wave[:, None] * [0.3, 1.0, 0.6] + rng.normal(size=(len(TIME), 3))
 
 
-def _shown(left_of) -> list[Shown]:
-    return [Shown(TIME, left_of(*each, seed), *each) for seed, each in enumerate(PLAN)]
+def _found(left, plan=PLAN) -> OwnRate | None:
+    """What is found where `left(speed, feed, seed)` [T, 3] is left of cuts at those of the plan."""
+    trials = [
+        SimpleNamespace(file=f"t{seed}.csv", feed_speed_m_s=feed) for seed, (_, feed) in enumerate(plan)
+    ]
+    nothing = np.zeros((len(TIME), 3))
+    predicted = [
+        Prediction(trial.file, TIME, TIME, left(*cut, seed), nothing, cut[0], np.zeros(3))
+        for seed, (trial, cut) in enumerate(zip(trials, plan, strict=True))
+    ]
+    return own_rate(SimpleNamespace(trials=trials), predicted)
 
 
 @pytest.mark.parametrize(
@@ -33,23 +45,29 @@ def test_what_the_rate_goes_with_is_told(per, rate):
     def left(speed, feed, seed):
         return _struck(rate * {"turn": speed, "second": 1.0, "metre": feed}[per], seed)
 
-    found = own_rate(_shown(left))
+    found = _found(left)
     assert found is not None and list(found.rates) == [per]
     assert found.rates[per] == pytest.approx(rate, rel=0.01)
     assert np.count_nonzero(found.lowest_hz) >= 4 and found.multiples >= 3
 
 
 def test_at_one_speed_nobody_knows_whether_it_turns_with_the_spindle():
-    alike = [
-        each._replace(speed_rev_s=12.0) for each in _shown(lambda speed, feed, seed: _struck(47.3, seed))
-    ]
-    assert own_rate(alike) is None
+    one_speed = [(12.0, feed) for _, feed in PLAN]
+    assert _found(lambda speed, feed, seed: _struck(47.3, seed), one_speed) is None
+
+
+def test_a_feed_that_goes_with_the_speed_leaves_both_open():
+    as_fast = [(speed, 1e-4 * speed) for speed, _ in PLAN]
+    found = _found(lambda speed, feed, seed: _struck(4.37 * speed, seed), as_fast)
+    assert found is not None and list(found.rates) == ["turn", "metre"]
+    assert found.rates["turn"] == pytest.approx(4.37, rel=0.01)
+    assert "times a turn or every 0.0229 mm of the path" in str(found)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.008])
 def test_what_comes_back_with_the_turns_has_no_rate_of_its_own(error):
     """The speed may be off by a per cent."""
-    assert own_rate(_shown(lambda speed, feed, seed: _struck(3.0 * (1.0 + error) * speed, seed))) is None
+    assert _found(lambda speed, feed, seed: _struck(3.0 * (1.0 + error) * speed, seed)) is None
 
 
 def test_a_vibration_beside_the_turns_has_no_lowest_line():
@@ -60,7 +78,7 @@ def test_a_vibration_beside_the_turns_has_no_lowest_line():
         wave = np.sum(np.cos(2.0 * np.pi * lines * TIME[:, None]) / (1.0 + np.abs(np.arange(-2, 3))), axis=1)
         return 3.0 * wave[:, None] + np.random.default_rng(seed).normal(size=(len(TIME), 3))
 
-    assert own_rate(_shown(left)) is None
+    assert _found(left) is None
 
 
 @pytest.mark.parametrize("first", range(0, 60, 6))
@@ -68,4 +86,4 @@ def test_noise_has_none(first):
     def noise(speed, feed, seed):
         return np.random.default_rng(first + seed).normal(size=(len(TIME), 3))
 
-    assert own_rate(_shown(noise)) is None
+    assert _found(noise) is None
