@@ -7,10 +7,10 @@ import numpy as np
 from mjx_cutting.tracing.records.course import along_path
 from mjx_cutting.tracing.records.levels import LEVEL_KINDS
 from mjx_cutting.tracing.records.surface import PLACES_APART_M
+from mjx_cutting.tracing.telling.few import first_few
 from mjx_cutting.trials.dataset import Dataset
 
 _SAMPLES = 1.5
-_SHOWN = 4
 
 
 def at_level(records: Dataset, traced: Dataset) -> str | None:
@@ -33,9 +33,8 @@ def at_level(records: Dataset, traced: Dataset) -> str | None:
     if not told:
         return None
     counted = "; places count from where each touches the work" if _from_the_touch(records, traced) else ""
-    more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
     return (
-        f"judged was the level of each trial ({', '.join(told[:_SHOWN])}{more}): what the force does while "
+        f"judged was the level of each trial ({first_few(told)}): what the force does while "
         f"the tool comes in or goes out was not traced{counted}"
     )
 

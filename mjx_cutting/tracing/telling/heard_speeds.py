@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mjx_cutting.tracing.records.even_time import even_time
+from mjx_cutting.tracing.telling.few import first_few
 from mjx_cutting.trials.dataset import Dataset
-
-_SHOWN = 4
 
 
 def heard_speeds(records: Dataset, traced: Dataset) -> str | None:
@@ -24,9 +23,8 @@ def heard_speeds(records: Dataset, traced: Dataset) -> str | None:
     if not wanders:
         return None
     told = [f"{file} by {wanders[file]:.2%}" for file in sorted(wanders, key=lambda file: -wanders[file])]
-    more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
     return (
-        f"the spindle's speed wanders within the record ({', '.join(told[:_SHOWN])}{more}): not measured, "
+        f"the spindle's speed wanders within the record ({first_few(told)}): not measured, "
         "but heard in the force, where tooth passing and its harmonics move in phase, the k-th k times as "
         "far as the first; lines are those of the angle that it integrates to"
     )

@@ -106,7 +106,7 @@ def test_what_is_left_between_the_lines_is_noise(smoothed_s):
 
 
 def test_edges_that_fold_onto_lines_are_taken_off_as_well():
-    """Of just so many samples a turn nothing stands between the lines, and the base model is wrong of them."""
+    """Of just so many samples a turn nothing stands between the lines; the base model is wrong of these."""
     dataset = _straight_teeth(speeds=(RATE_HZ / 80.0, RATE_HZ / 100.0), off=0.0)
     with _platform.x64():
         rest = without_edges(dataset, BAND)
