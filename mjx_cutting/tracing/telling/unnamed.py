@@ -17,7 +17,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from mjx_cutting.cutting import AbstractEffect, ForceModel, Tool
-from mjx_cutting.cutting.effects.unnamed_arc import UnnamedArc, along_arc
+from mjx_cutting.cutting.effects.unnamed_arc import HARMONICS, UnnamedArc, along_arc
 from mjx_cutting.cutting.effects.unnamed_gain import CONDITIONS, KNOTS, UnnamedGain, conditions
 from mjx_cutting.tracing.fitting.heldout import HeldOut, held_out
 from mjx_cutting.tracing.fitting.problem import Problem
@@ -65,7 +65,7 @@ def unnamed_factor(search: Search, lines: Lines, left: Sequence[Dependence]) -> 
     problem, fold = search.problem, search.final.fold
     told = [each.covariate for each in left if each.found]
     tried: list[tuple[tuple[str, ...], type[AbstractEffect]]] = []
-    if _ARC in told:
+    if _ARC in told and _arc_is_told(problem, lines):
         tried.append(((_ARC,), UnnamedArc))
     if over := _conditions(told, problem.trials):
         tried.append((over, _over(problem, over)))
@@ -98,6 +98,14 @@ def _conditions(told: Sequence[str], trials: int) -> tuple[str, ...]:
     return tuple(over[: min(_MOST_CONDITIONS, trials // ((KNOTS - 1) * _FEWEST_TRIALS_A_VALUE))])
 
 
+def _arc_is_told(problem: Problem, lines: Lines) -> bool:
+    """Whether every trial shows as many of the first multiples of tooth passing as the factor along the arc
+    has harmonics: fewer are met by many a factor, and each says something else of the arc."""
+    teeth = problem.tool.teeth
+    passing = lines.present[:, 1::2][:, teeth - 1 :: teeth][:, :HARMONICS]
+    return passing.shape[1] == HARMONICS and bool(np.all(passing > 0.0))
+
+
 def _along(problem: Problem, model: ForceModel) -> str:
     """In words, how the factor of the tangential force goes along the arc that the trials cut, if it does."""
     gain = next((each.gain for each in model.effects if isinstance(each, UnnamedArc)), None)
@@ -113,7 +121,7 @@ def _along(problem: Problem, model: ForceModel) -> str:
     )
     return (
         f"; along the arc the tangential force is off its mean by {told} degrees from the normal to the "
-        "feed, as of a sheet whose strength goes with the direction of cutting"
+        "feed, as a sheet would have it whose strength goes with the direction of cutting"
     )
 
 

@@ -124,6 +124,13 @@ def test_a_force_that_goes_with_the_angle_of_the_edge_is_fitted_and_left_unnamed
     assert "along the arc the tangential force" in found.verdict["remaining"]["description"]
 
 
+def test_of_few_multiples_of_tooth_passing_no_arc_is_fitted():
+    """Two of them, at 101 and 201 Hz, are met by many a factor along the arc."""
+    found = trace(_session_on(_rolled), effects=(), band_hz=(0.0, 250.0))
+    assert found.verdict["verdict"] == "unexplained"
+    assert "tooth phase" in found.verdict["remaining"]["depends_on"] and found.unnamed is None
+
+
 def test_of_a_sheet_alike_in_every_direction_no_arc_is_fitted():
     found = trace(_session_on(np.ones_like), effects=())
     assert found.verdict["verdict"] == "nothing missing" and found.unnamed is None
